@@ -1,0 +1,38 @@
+"""The rigid motion of a tool axis: two cubic B-splines that trace its ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+Array = npt.NDArray[np.float64]
+DEGREE = 3
+
+
+def uniform_knots(count: int) -> Array:
+    """Clamped uniform knot vector on [0, 1] for `count` cubic control points, shape (count + 4,)."""
+    return np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, count - DEGREE + 1), np.ones(DEGREE)])
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The ruled surface R(t, s) = (1 - s) p(t) + s q(t) of an axis in motion, t in [0, 1].
+
+    Attributes
+    ----------
+    knots: clamped cubic knot vector, shape (n + 4,).
+    p: control points of the axis end in the plane of r_min, shape (n, 3), mm.
+    q: control points of the axis end in the plane of r_max, shape (n, 3), mm.
+    """
+
+    knots: Array
+    p: Array
+    q: Array
+
+    def ends(self, t: npt.ArrayLike, order: int = 0) -> tuple[Array, Array]:
+        """Points p(t) and q(t), or their derivatives of the given order, each shape (len(t), 3)."""
+        both = BSpline(self.knots, np.hstack([self.p, self.q]), DEGREE)(np.asarray(t, dtype=np.float64), nu=order)
+        return np.ascontiguousarray(both[..., :3]), np.ascontiguousarray(both[..., 3:])

@@ -1,0 +1,86 @@
+"""The neutral tool path that every post consumes: tip points, axis vectors, feeds, and what each stretch is for.
+
+Coordinates are those of the program (the frame on the machine table), mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+class Purpose(Enum):
+    """What a stretch of the path does."""
+
+    SWEEP = "sweep"
+    PASS = "pass"
+    APPROACH = "approach"
+    RETRACT = "retract"
+
+
+@dataclass(frozen=True, slots=True)
+class Cutter:
+    """What a post needs to know of a tool: its number, name and cutting data, and the cone for the header (mm)."""
+
+    number: int
+    name: str
+    r_min: float
+    r_max: float
+    length: float
+    spindle_rpm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A run of poses with the tool centre point control active.
+
+    Attributes
+    ----------
+    purpose: what it does.
+    cut: number of the sweep or pass it belongs to, from 1.
+    tip: tip points, shape (N, 3), mm.
+    axis: unit vectors from tip to spindle, shape (N, 3).
+    feed: feed into each pose, shape (N,), mm/min of the tip point; 0 means rapid.
+    """
+
+    purpose: Purpose
+    cut: int
+    tip: Array
+    axis: Array
+    feed: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One tool and what it cuts, in order: each sweep or pass is APPROACH, SWEEP or PASS, RETRACT."""
+
+    cutter: Cutter
+    stretches: tuple[Stretch, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolPath:
+    """A whole program.
+
+    Attributes
+    ----------
+    name: program name on the control.
+    part: part name for the header.
+    faces: face numbers for the header.
+    frame: "CAD", or "ROTATE a b c TRANSLATE x y z", as the header states it.
+    blank_low, blank_high: corners of the blank for the control's graphics, mm.
+    operations: in the order they run.
+    """
+
+    name: str
+    part: str
+    faces: tuple[int, ...]
+    frame: str
+    blank_low: tuple[float, float, float]
+    blank_high: tuple[float, float, float]
+    operations: tuple[Operation, ...]
