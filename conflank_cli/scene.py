@@ -1,0 +1,32 @@
+"""The scene: everything a stage needs to know besides the sweeps. It travels inside every artifact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.job import Job
+from conflank_cli.tool import Tool
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The resolved job with the geometry it speaks of.
+
+    Attributes
+    ----------
+    job: the whole resolved job.
+    part_name: name of the part for program headers.
+    faces: the design faces in the job's order, regions cut out, sides resolved.
+    tools: the tools of the drawer in the job's order.
+    check: what nothing may touch (empty arrays for none).
+    inputs: SHA-256 of every input file by file name.
+    """
+
+    job: Job
+    part_name: str
+    faces: tuple[DesignFace, ...]
+    tools: tuple[Tool, ...]
+    check: CheckMesh
+    inputs: Mapping[str, str]
