@@ -1,0 +1,282 @@
+"""Footpoints on a surface given as per-span polynomials: Newton's method, fused with the evaluation.
+
+Spans come as in `conflank_cli.geometry.surface.Spans`: coefficients (ku, kv, D, pu + 1, pv + 1) in local parameters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+# Newton's last step is quadratic: once a step is this small (in units of the span), the second-order Taylor expansion
+# about the point where it was computed is exact to rounding, and no further evaluation is needed.
+LAST_STEP = 3.0e-6
+MAX_ITERATIONS = 40
+
+INTERIOR = 1  # the foot is a true orthogonal projection inside the box of the surface proper
+CLAMPED = 2  # the foot sits on the boundary of the domain searched; the residual is not along the normal there
+OUTSIDE = 4  # the foot lies on the smooth extension, past the boundary of the surface proper
+FAILED = 8  # no convergence within MAX_ITERATIONS
+
+
+@njit(inline="always")
+def find_span(breaks, x):
+    """Index of the span that holds x, clamped to the first and last."""
+    low = 0
+    high = breaks.shape[0] - 1
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if breaks[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@njit(inline="always")
+def _component(c, a, b):
+    """Value and derivatives f, fa, fb, faa, fab, fbb of one coordinate: Horner's rule, second derivatives carried along."""
+    f = 0.0
+    fa = 0.0
+    faa = 0.0
+    fb = 0.0
+    fab = 0.0
+    fbb = 0.0
+    for i in range(c.shape[0] - 1, -1, -1):
+        g = 0.0
+        gb = 0.0
+        gbb = 0.0
+        for j in range(c.shape[1] - 1, -1, -1):
+            gbb = gbb * b + gb
+            gb = gb * b + g
+            g = g * b + c[i, j]
+        faa = faa * a + fa
+        fa = fa * a + f
+        f = f * a + g
+        fab = fab * a + fb
+        fb = fb * a + gb
+        fbb = fbb * a + gbb
+    return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
+
+
+@njit(inline="always")
+def _rational(f, w):
+    """Quotient rule: derivatives of f / w from those of the homogeneous coordinates."""
+    r = 1.0 / w[0]
+    s = f[0] * r
+    sa = (f[1] - s * w[1]) * r
+    sb = (f[2] - s * w[2]) * r
+    saa = (f[3] - 2.0 * sa * w[1] - s * w[3]) * r
+    sab = (f[4] - sa * w[2] - sb * w[1] - s * w[4]) * r
+    sbb = (f[5] - 2.0 * sb * w[2] - s * w[5]) * r
+    return s, sa, sb, saa, sab, sbb
+
+
+@njit(inline="always")
+def local_frame(block, a, b):
+    """The 18 numbers S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
+    x = _component(block[0], a, b)
+    y = _component(block[1], a, b)
+    z = _component(block[2], a, b)
+    if block.shape[0] == 4:
+        w = _component(block[3], a, b)
+        x = _rational(x, w)
+        y = _rational(y, w)
+        z = _rational(z, w)
+    return x, y, z
+
+
+@njit(cache=True)
+def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
+    """Fill out (N, 6, 3) with S, Su, Sv, Suu, Suv, Svv at the parameters u, v (N,)."""
+    for k in range(u.shape[0]):
+        i = find_span(breaks_u, u[k])
+        j = find_span(breaks_v, v[k])
+        hu = 1.0 / (breaks_u[i + 1] - breaks_u[i])
+        hv = 1.0 / (breaks_v[j + 1] - breaks_v[j])
+        x, y, z = local_frame(coefficients[i, j], (u[k] - breaks_u[i]) * hu, (v[k] - breaks_v[j]) * hv)
+        scale = (1.0, hu, hv, hu * hu, hu * hv, hv * hv)
+        for m in range(6):
+            out[k, m, 0] = x[m] * scale[m]
+            out[k, m, 1] = y[m] * scale[m]
+            out[k, m, 2] = z[m] * scale[m]
+
+
+@njit(inline="always")
+def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
+    """Footpoint of (px, py, pz) from the start (u, v).
+
+    Returns (u, v, foot x, y, z, normal x, y, z, distance, flag). The normal is the unit S_u x S_v at the foot. The distance is
+    signed by it; where the foot is clamped it is the component of the residual along the normal.
+
+    Newton on the gradient of the half squared distance; where the Hessian is not safely positive, the Gauss-Newton
+    matrix instead (always a descent direction), with step halving. Box-constrained: a parameter at a bound whose gradient
+    points outwards is held there and the other one is solved alone.
+    """
+    nu = breaks_u.shape[0] - 1
+    nv = breaks_v.shape[0] - 1
+    u_low = breaks_u[0]
+    u_high = breaks_u[nu]
+    v_low = breaks_v[0]
+    v_high = breaks_v[nv]
+    u = min(max(u, u_low), u_high)
+    v = min(max(v, v_low), v_high)
+    flag = FAILED
+    previous = np.inf
+    du = 0.0
+    dv = 0.0
+    held = 0
+    fx = fy = fz = nx = ny = nz = 0.0
+    for _ in range(MAX_ITERATIONS):
+        i = find_span(breaks_u, u)
+        j = find_span(breaks_v, v)
+        wu = breaks_u[i + 1] - breaks_u[i]
+        wv = breaks_v[j + 1] - breaks_v[j]
+        x, y, z = local_frame(coefficients[i, j], (u - breaks_u[i]) / wu, (v - breaks_v[j]) / wv)
+        rx = x[0] - px
+        ry = y[0] - py
+        rz = z[0] - pz
+        value = rx * rx + ry * ry + rz * rz
+        if value > previous * (1.0 + 1e-12) + 1e-24 and abs(du) / wu + abs(dv) / wv > 1e-7:
+            # The step overshot: halve it.
+            du *= 0.5
+            dv *= 0.5
+            u -= du
+            v -= dv
+            continue
+        previous = value
+        # Everything in local parameters of the span from here on.
+        ga = rx * x[1] + ry * y[1] + rz * z[1]
+        gb = rx * x[2] + ry * y[2] + rz * z[2]
+        e = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
+        f = x[1] * x[2] + y[1] * y[2] + z[1] * z[2]
+        g = x[2] * x[2] + y[2] * y[2] + z[2] * z[2]
+        haa = e + rx * x[3] + ry * y[3] + rz * z[3]
+        hab = f + rx * x[4] + ry * y[4] + rz * z[4]
+        hbb = g + rx * x[5] + ry * y[5] + rz * z[5]
+        hold_u = (u <= u_low and ga > 0.0) or (u >= u_high and ga < 0.0)
+        hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0)
+        da = 0.0
+        db = 0.0
+        if hold_u and hold_v:
+            held = 1
+        elif hold_u:
+            held = 1
+            db = -gb / (hbb if hbb > 0.05 * g else g)
+        elif hold_v:
+            held = 1
+            da = -ga / (haa if haa > 0.05 * e else e)
+        else:
+            held = 0
+            determinant = haa * hbb - hab * hab
+            if not (determinant > 0.0025 * e * g and haa > 0.05 * e):
+                haa = e
+                hab = f
+                hbb = g
+                determinant = e * g - f * f
+                if not determinant > 1e-14 * e * g:
+                    # Degenerate tangents (a pole of the parametrisation): a damped gradient step.
+                    haa = e + 1e-9 * (e + g)
+                    hbb = g + 1e-9 * (e + g)
+                    determinant = haa * hbb - hab * hab
+            da = (-ga * hbb + gb * hab) / determinant
+            db = (-gb * haa + ga * hab) / determinant
+        # A step of more than two spans is outside the reach of the local polynomial.
+        longest = max(abs(da), abs(db))
+        if longest > 2.0:
+            da *= 2.0 / longest
+            db *= 2.0 / longest
+        du = da * wu
+        dv = db * wv
+        un = u + du
+        vn = v + dv
+        if un < u_low:
+            un = u_low
+        elif un > u_high:
+            un = u_high
+        if vn < v_low:
+            vn = v_low
+        elif vn > v_high:
+            vn = v_high
+        du = un - u
+        dv = vn - v
+        u = un
+        v = vn
+        da = du / wu
+        db = dv / wv
+        if abs(da) < LAST_STEP and abs(db) < LAST_STEP:
+            flag = CLAMPED if held == 1 else INTERIOR
+            fx = x[0] + x[1] * da + x[2] * db + 0.5 * (x[3] * da * da + x[5] * db * db) + x[4] * da * db
+            fy = y[0] + y[1] * da + y[2] * db + 0.5 * (y[3] * da * da + y[5] * db * db) + y[4] * da * db
+            fz = z[0] + z[1] * da + z[2] * db + 0.5 * (z[3] * da * da + z[5] * db * db) + z[4] * da * db
+            ax = x[1] + x[3] * da + x[4] * db
+            ay = y[1] + y[3] * da + y[4] * db
+            az = z[1] + z[3] * da + z[4] * db
+            bx = x[2] + x[4] * da + x[5] * db
+            by = y[2] + y[4] * da + y[5] * db
+            bz = z[2] + z[4] * da + z[5] * db
+            nx = ay * bz - az * by
+            ny = az * bx - ax * bz
+            nz = ax * by - ay * bx
+            break
+    if flag == FAILED:
+        i = find_span(breaks_u, u)
+        j = find_span(breaks_v, v)
+        x, y, z = local_frame(
+            coefficients[i, j],
+            (u - breaks_u[i]) / (breaks_u[i + 1] - breaks_u[i]),
+            (v - breaks_v[j]) / (breaks_v[j + 1] - breaks_v[j]),
+        )
+        fx = x[0]
+        fy = y[0]
+        fz = z[0]
+        nx = y[1] * z[2] - z[1] * y[2]
+        ny = z[1] * x[2] - x[1] * z[2]
+        nz = x[1] * y[2] - y[1] * x[2]
+    elif flag == INTERIOR and (u < box[0] or u > box[1] or v < box[2] or v > box[3]):
+        flag = OUTSIDE
+    length = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if length > 0.0:
+        nx /= length
+        ny /= length
+        nz /= length
+    distance = (px - fx) * nx + (py - fy) * ny + (pz - fz) * nz
+    return u, v, fx, fy, fz, nx, ny, nz, distance, flag
+
+
+@njit(cache=True)
+def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
+    """Project points (N, 3), warm started from and written back to u, v (N,); fills foot, normal (N, 3), distance, flag (N,)."""
+    for k in range(points.shape[0]):
+        r = project(
+            breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k]
+        )
+        u[k] = r[0]
+        v[k] = r[1]
+        foot[k, 0] = r[2]
+        foot[k, 1] = r[3]
+        foot[k, 2] = r[4]
+        normal[k, 0] = r[5]
+        normal[k, 1] = r[6]
+        normal[k, 2] = r[7]
+        distance[k] = r[8]
+        flag[k] = r[9]
+
+
+@njit(cache=True, parallel=True)
+def footpoints_parallel(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
+    """The same on all cores."""
+    for k in prange(points.shape[0]):
+        r = project(
+            breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k]
+        )
+        u[k] = r[0]
+        v[k] = r[1]
+        foot[k, 0] = r[2]
+        foot[k, 1] = r[3]
+        foot[k, 2] = r[4]
+        normal[k, 0] = r[5]
+        normal[k, 1] = r[6]
+        normal[k, 2] = r[7]
+        distance[k] = r[8]
+        flag[k] = r[9]
