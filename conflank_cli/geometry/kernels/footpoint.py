@@ -102,7 +102,7 @@ def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
             out[k, m, 2] = z[m] * scale[m]
 
 
-@njit(inline="always")
+@njit(cache=True)
 def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     """Footpoint of (px, py, pz) from the start (u, v).
 
