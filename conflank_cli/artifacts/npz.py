@@ -1,0 +1,476 @@
+"""Artifacts as NPZ files without pickles: the scene, the sweeps and a summary.
+
+The array `meta` holds a JSON document in UTF-8 (`Document`): schema name and version, units, the resolved job, hashes
+of the inputs, the version of the program, and the meaning of the other arrays:
+
+- per design face i: ``face<i>_knots_u``, ``face<i>_knots_v``, ``face<i>_poles`` (nu, nv, 3), ``face<i>_weights``
+  (nu, nv) where rational, ``face<i>_loops`` (N, 2) and ``face<i>_loop_offsets`` (loops + 1,);
+- ``check_vertices`` (N, 3), ``check_triangles`` (M, 3), ``check_face`` (M,);
+- ``motion_offsets`` (sweeps + 1,): sweep k has control points o[k] to o[k + 1] of ``motion_p`` and ``motion_q``
+  (N, 3), and knots o[k] + 4 k to o[k + 1] + 4 (k + 1) of ``motion_knots``.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+from msgspec import Struct
+
+from conflank_cli.errors import InputError, NumericalError
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.job import job_from_builtins
+from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.output import STANDARD, check_output, write_output
+from conflank_cli.scene import Scene
+from conflank_cli.sweep import Sweep
+from conflank_cli.tool import Section, Tool
+
+Kind = Literal["candidates", "motions", "plan"]
+KINDS: tuple[Kind, ...] = ("candidates", "motions", "plan")
+MAKERS: Mapping[str, str] = {"candidates": "detect", "motions": "optimize", "plan": "select"}
+"""The stage that writes each kind."""
+
+SCHEMA_VERSION = 1
+UNITS: Mapping[str, str] = {"length": "mm", "angle": "rad"}
+# The zip format cannot hold an earlier date; any fixed one makes equal inputs give equal bytes.
+_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+class FaceEntry(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a design face is besides its arrays."""
+
+    number: int
+    name: str
+    degree_u: int
+    degree_v: int
+    rational: bool
+    sense: Literal[-1, 1]
+
+
+class SectionEntry(Struct, frozen=True, forbid_unknown_fields=True):
+    """A section of shank or holder, mm."""
+
+    diameter_low: float
+    diameter_high: float
+    length: float
+
+
+class ToolEntry(Struct, frozen=True, forbid_unknown_fields=True):
+    """A tool of the drawer, mm."""
+
+    name: str
+    r_min: float
+    r_max: float
+    length: float
+    shank: tuple[SectionEntry, ...]
+    holder: tuple[SectionEntry, ...]
+    number: int
+    spindle_rpm: float
+    feed_mm_min: float
+
+
+class SweepEntry(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a sweep is besides its motion."""
+
+    face: int
+    tool: str
+    facts: dict[str, float]
+
+
+class Document(Struct, frozen=True, forbid_unknown_fields=True):
+    """The JSON document of an artifact; `schema` is "conflank/" and the kind."""
+
+    schema: str
+    version: int
+    program_version: str
+    units: dict[str, str]
+    job: dict[str, Any]
+    inputs: dict[str, str]
+    part_name: str
+    faces: tuple[FaceEntry, ...]
+    tools: tuple[ToolEntry, ...]
+    sweeps: tuple[SweepEntry, ...]
+    summary: dict[str, Any]
+
+
+class _Schema(Struct, frozen=True):
+    """The two fields that every version of every schema has."""
+
+    schema: str
+    version: int
+
+
+def program_version() -> str:
+    """Version of this program."""
+    return version("conflank")
+
+
+def write_artifact(
+    kind: Kind,
+    scene: Scene,
+    sweeps: Sequence[Sweep],
+    summary: Mapping[str, object],
+    out: str | Path,
+    inputs: Iterable[str | Path] = (),
+) -> None:
+    """Write an artifact to the file `out`, or to standard output for "-".
+
+    Parameters
+    ----------
+    kind: what the sweeps are.
+    scene, sweeps: what the next stage needs.
+    summary: what the stage found, JSON values only.
+    out: file, replaced if it exists.
+    inputs: files that must not be replaced.
+
+    Raises
+    ------
+    UsageError: the output is an input, or binary data would go to a terminal.
+    NumericalError: a number to write is not finite.
+    """
+    check_output(out, inputs, binary=True)
+    write_output(encode_artifact(kind, scene, sweeps, summary), out, inputs)
+
+
+def encode_artifact(kind: Kind, scene: Scene, sweeps: Sequence[Sweep], summary: Mapping[str, object]) -> bytes:
+    """The bytes of an artifact. Equal arguments give equal bytes."""
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    for index, face in enumerate(scene.faces):
+        arrays[f"face{index}_knots_u"] = _floats(face.surface.knots_u)
+        arrays[f"face{index}_knots_v"] = _floats(face.surface.knots_v)
+        arrays[f"face{index}_poles"] = _floats(face.surface.poles)
+        if face.surface.weights is not None:
+            arrays[f"face{index}_weights"] = _floats(face.surface.weights)
+        arrays[f"face{index}_loops"] = _joined(face.loops, 2)
+        arrays[f"face{index}_loop_offsets"] = _offsets(face.loops)
+    arrays["check_vertices"] = _floats(scene.check.vertices)
+    arrays["check_triangles"] = np.ascontiguousarray(scene.check.triangles, dtype="<i4")
+    arrays["check_face"] = np.ascontiguousarray(scene.check.face, dtype="<i4")
+    arrays["motion_offsets"] = _offsets([sweep.motion.p for sweep in sweeps])
+    arrays["motion_knots"] = np.concatenate([np.empty(0, "<f8"), *(sweep.motion.knots for sweep in sweeps)])
+    arrays["motion_p"] = _joined([sweep.motion.p for sweep in sweeps], 3)
+    arrays["motion_q"] = _joined([sweep.motion.q for sweep in sweeps], 3)
+    for name, array in arrays.items():
+        if not np.all(np.isfinite(array)):
+            raise NumericalError(
+                f"{kind}: {name}", "a number that is not finite", "finite numbers", "Please report this job."
+            )
+    document = Document(
+        schema=f"conflank/{kind}",
+        version=SCHEMA_VERSION,
+        program_version=program_version(),
+        units=dict(UNITS),
+        job=msgspec.to_builtins(scene.job),
+        inputs=dict(scene.inputs),
+        part_name=scene.part_name,
+        faces=tuple(_face_entry(face) for face in scene.faces),
+        tools=tuple(_tool_entry(tool) for tool in scene.tools),
+        sweeps=tuple(
+            SweepEntry(sweep.face, sweep.tool, {name: float(value) for name, value in sweep.facts.items()})
+            for sweep in sweeps
+        ),
+        summary=dict(summary),
+    )
+    for place, entry in (
+        ("summary", document.summary),
+        *((f"sweep {k}", s.facts) for k, s in enumerate(document.sweeps)),
+    ):
+        _refuse_not_finite(entry, f"{kind}: {place}")
+    text = msgspec.json.encode(document, enc_hook=_plain, order="deterministic")
+    arrays["meta"] = np.frombuffer(text, dtype=np.uint8)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name in sorted(arrays):
+            entry_info = zipfile.ZipInfo(f"{name}.npy", _ZIP_DATE)
+            with archive.open(entry_info, "w") as stream:
+                np.lib.format.write_array(stream, arrays[name], allow_pickle=False)
+    return buffer.getvalue()
+
+
+def read_artifact(source: str | Path, expected: Kind | None = None) -> tuple[Scene, tuple[Sweep, ...], dict[str, Any]]:
+    """Read an artifact from a file, or from standard input for "-".
+
+    Parameters
+    ----------
+    source: file name or "-".
+    expected: the kind that is wanted; None for any.
+
+    Returns
+    -------
+    the scene, the sweeps and the summary.
+
+    Raises
+    ------
+    InputError: no such file, no artifact, another kind or version, or arrays that contradict the document.
+    """
+    where, data = read_source(source)
+    _, scene, sweeps, summary = decode_artifact(data, where, expected)
+    return scene, sweeps, summary
+
+
+def read_source(source: str | Path) -> tuple[str, bytes]:
+    """The name for messages and the bytes of a file, or of standard input for "-"."""
+    if str(source) == STANDARD:
+        return "standard input", sys.stdin.buffer.read()
+    try:
+        return Path(source).name, Path(source).read_bytes()
+    except OSError as error:
+        raise InputError(
+            str(source), f"no readable file ({error.strerror})", "a file", "Check the name and the folder."
+        ) from None
+
+
+def decode_artifact(
+    data: bytes, where: str, expected: Kind | None = None
+) -> tuple[Kind, Scene, tuple[Sweep, ...], dict[str, Any]]:
+    """Kind, scene, sweeps and summary from the bytes of an artifact; `where` names it in messages."""
+    arrays = _load_arrays(data, where, expected)
+    kind = _check_schema(arrays, where, expected)
+    try:
+        document = msgspec.json.decode(arrays.pop("meta").tobytes(), type=Document)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise _damaged(where, f"a document that does not fit its schema ({error})") from None
+    if document.units != UNITS:
+        raise _damaged(where, f"units {document.units}")
+    _check_arrays(arrays, document, where)
+    faces = tuple(_face(entry, arrays, index) for index, entry in enumerate(document.faces))
+    check = CheckMesh(
+        arrays["check_vertices"],
+        arrays["check_triangles"].astype(np.int32),
+        arrays["check_face"].astype(np.int32),
+    )
+    job = job_from_builtins(document.job, where)
+    scene = Scene(
+        job, document.part_name, faces, tuple(_tool(entry) for entry in document.tools), check, document.inputs
+    )
+    return kind, scene, _sweeps(document.sweeps, arrays), document.summary
+
+
+# --- writing --------------------------------------------------------------------------------------------------------
+
+
+def _floats(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.ascontiguousarray(array, dtype="<f8")
+
+
+def _joined(parts: Sequence[npt.NDArray[Any]], width: int) -> npt.NDArray[Any]:
+    return np.concatenate([np.empty((0, width), "<f8"), *parts])
+
+
+def _offsets(parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    return np.cumsum([0, *(len(part) for part in parts)], dtype="<i8")
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars and arrays in summaries as JSON values."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is no JSON value")
+
+
+def _refuse_not_finite(value: Any, where: str) -> None:
+    """JSON has no NaN; writing null instead would lose the fact that something went wrong."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            _refuse_not_finite(item, f"{where}: {key}")
+    elif isinstance(value, list | tuple):
+        for item in value:
+            _refuse_not_finite(item, where)
+    elif isinstance(value, float | np.floating | np.ndarray) and not np.all(np.isfinite(value)):
+        raise NumericalError(where, f"{value}", "a finite number", "Please report this job.")
+
+
+def _face_entry(face: DesignFace) -> FaceEntry:
+    surface = face.surface
+    rational = surface.weights is not None
+    sense: Literal[-1, 1] = 1 if face.sense > 0 else -1
+    return FaceEntry(face.number, face.name, surface.degree_u, surface.degree_v, rational, sense)
+
+
+def _section_entries(sections: Sequence[Section]) -> tuple[SectionEntry, ...]:
+    return tuple(SectionEntry(part.diameter_low, part.diameter_high, part.length) for part in sections)
+
+
+def _tool_entry(tool: Tool) -> ToolEntry:
+    return ToolEntry(
+        tool.name,
+        tool.r_min,
+        tool.r_max,
+        tool.length,
+        _section_entries(tool.shank),
+        _section_entries(tool.holder),
+        tool.number,
+        tool.spindle_rpm,
+        tool.feed_mm_min,
+    )
+
+
+# --- reading --------------------------------------------------------------------------------------------------------
+
+
+def _damaged(where: str, found: str) -> InputError:
+    return InputError(where, found, "an artifact as conflank writes it", "Run the stage that made it again.")
+
+
+def _wanted(expected: Kind | None) -> str:
+    return f"a {expected} file" if expected else f"an artifact ({', '.join(KINDS)})"
+
+
+def _load_arrays(data: bytes, where: str, expected: Kind | None) -> dict[str, npt.NDArray[Any]]:
+    if not data:
+        next_step = f"Run conflank {MAKERS[expected]} first." if expected else "Run the stage that makes it first."
+        raise InputError(where, "nothing", _wanted(expected), next_step)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError("a single array")
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        reason = "a truncated or damaged file" if data[:2] == b"PK" else "a file of another type"
+        raise InputError(
+            where,
+            f"{reason} ({str(error).splitlines()[0] if str(error) else type(error).__name__})",
+            _wanted(expected),
+            "Run the stage that makes it again." if not expected else f"Run conflank {MAKERS[expected]} to make one.",
+        ) from None
+
+
+def _check_schema(arrays: Mapping[str, npt.NDArray[Any]], where: str, expected: Kind | None) -> Kind:
+    """Refuse another schema or version by name, before anything else is read."""
+    if "meta" not in arrays:
+        raise InputError(where, "an NPZ without the document meta", _wanted(expected), "Give a file of conflank's.")
+    try:
+        head = msgspec.json.decode(arrays["meta"].tobytes(), type=_Schema)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise _damaged(where, f"a document that cannot be read ({error})") from None
+    kind = next((kind for kind in KINDS if head.schema == f"conflank/{kind}"), None)
+    if kind is None or (expected is not None and kind != expected):
+        step = f"Run conflank {MAKERS[expected]} to make one." if expected else "Give a file of conflank's."
+        raise InputError(where, f"schema {head.schema!r}", _wanted(expected), step)
+    if head.version != SCHEMA_VERSION:
+        raise InputError(
+            where,
+            f"schema {head.schema!r} version {head.version}",
+            f"version {SCHEMA_VERSION}",
+            f"Run conflank {MAKERS[kind]} of this version again.",
+        )
+    return kind
+
+
+def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, where: str) -> None:
+    """Refuse arrays that are missing, unknown, not finite, or of a shape that contradicts the document."""
+    ranks = {
+        "check_vertices": (None, 3),
+        "check_triangles": (None, 3),
+        "check_face": (None,),
+        "motion_offsets": (len(document.sweeps) + 1,),
+        "motion_knots": (None,),
+        "motion_p": (None, 3),
+        "motion_q": (None, 3),
+    }
+    for index, entry in enumerate(document.faces):
+        ranks |= {
+            f"face{index}_knots_u": (None,),
+            f"face{index}_knots_v": (None,),
+            f"face{index}_poles": (None, None, 3),
+            f"face{index}_loops": (None, 2),
+            f"face{index}_loop_offsets": (None,),
+        }
+        if entry.rational:
+            ranks[f"face{index}_weights"] = (None, None)
+    for name in sorted(ranks.keys() ^ arrays.keys()):
+        raise _damaged(where, f"the unknown array {name!r}" if name in arrays else f"no array {name!r}")
+    for name, rank in ranks.items():
+        array = arrays[name]
+        shape = array.shape
+        fits = len(shape) == len(rank) and all(b is None or a == b for a, b in zip(shape, rank, strict=True))
+        numbers = array.dtype.kind == ("i" if name.endswith(("offsets", "triangles", "check_face")) else "f")
+        if not (fits and numbers and np.all(np.isfinite(array))):
+            raise _damaged(where, f"array {name!r} with shape {shape}, type {array.dtype} or numbers not finite")
+    consistent = (
+        _steps(arrays["motion_offsets"], len(arrays["motion_p"]), DEGREE + 1)
+        and len(arrays["motion_p"]) == len(arrays["motion_q"])
+        and len(arrays["motion_knots"]) == len(arrays["motion_p"]) + (DEGREE + 1) * len(document.sweeps)
+        and len(arrays["check_face"]) == len(arrays["check_triangles"])
+        and _indices(arrays["check_triangles"], len(arrays["check_vertices"]))
+        and all(0 <= sweep.face < len(document.faces) for sweep in document.sweeps)
+        and {sweep.tool for sweep in document.sweeps} <= {tool.name for tool in document.tools}
+        and all(_face_consistent(entry, arrays, index) for index, entry in enumerate(document.faces))
+    )
+    if not consistent:
+        raise _damaged(where, "arrays that contradict each other or the document")
+
+
+def _steps(offsets: npt.NDArray[Any], total: int, least: int) -> bool:
+    return bool(offsets[0] == 0 and offsets[-1] == total and np.all(np.diff(offsets) >= least))
+
+
+def _indices(triangles: npt.NDArray[Any], count: int) -> bool:
+    return bool(np.all(triangles >= 0) and np.all(triangles < count))
+
+
+def _face_consistent(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], index: int) -> bool:
+    nu, nv, _ = arrays[f"face{index}_poles"].shape
+    offsets = arrays[f"face{index}_loop_offsets"]
+    return (
+        min(entry.degree_u, entry.degree_v) >= 1
+        and len(arrays[f"face{index}_knots_u"]) == nu + entry.degree_u + 1
+        and len(arrays[f"face{index}_knots_v"]) == nv + entry.degree_v + 1
+        and (not entry.rational or arrays[f"face{index}_weights"].shape == (nu, nv))
+        and len(offsets) > 0
+        and _steps(offsets, len(arrays[f"face{index}_loops"]), 0)
+    )
+
+
+def _face(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], index: int) -> DesignFace:
+    surface = BSplineSurface(
+        entry.degree_u,
+        entry.degree_v,
+        arrays[f"face{index}_knots_u"],
+        arrays[f"face{index}_knots_v"],
+        arrays[f"face{index}_poles"],
+        arrays[f"face{index}_weights"] if entry.rational else None,
+    )
+    loops = arrays[f"face{index}_loops"]
+    cuts = pairwise(arrays[f"face{index}_loop_offsets"].tolist())
+    return DesignFace(entry.number, entry.name, surface, tuple(loops[a:b].copy() for a, b in cuts), entry.sense)
+
+
+def _sections(entries: Sequence[SectionEntry]) -> tuple[Section, ...]:
+    return tuple(Section(entry.diameter_low, entry.diameter_high, entry.length) for entry in entries)
+
+
+def _tool(entry: ToolEntry) -> Tool:
+    return Tool(
+        entry.name,
+        entry.r_min,
+        entry.r_max,
+        entry.length,
+        _sections(entry.shank),
+        _sections(entry.holder),
+        entry.number,
+        entry.spindle_rpm,
+        entry.feed_mm_min,
+    )
+
+
+def _sweeps(entries: Sequence[SweepEntry], arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Sweep, ...]:
+    sweeps = []
+    for k, (entry, (a, b)) in enumerate(zip(entries, pairwise(arrays["motion_offsets"].tolist()), strict=True)):
+        knots = arrays["motion_knots"][a + (DEGREE + 1) * k : b + (DEGREE + 1) * (k + 1)].copy()
+        motion = Motion(knots, arrays["motion_p"][a:b].copy(), arrays["motion_q"][a:b].copy())
+        sweeps.append(Sweep(entry.face, entry.tool, motion, entry.facts))
+    return tuple(sweeps)
