@@ -78,9 +78,7 @@ class Projector:
         u, v = np.broadcast_arrays(np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64))
         out = np.empty((u.size, 6, 3))
         spans = self.spans
-        kernel.evaluate(
-            spans.breaks_u, spans.breaks_v, spans.coefficients, u.ravel().copy(), v.ravel().copy(), out
-        )
+        kernel.evaluate(spans.breaks_u, spans.breaks_v, spans.coefficients, u.ravel().copy(), v.ravel().copy(), out)
         return out
 
     def project(self, points: Array, u: Array | None = None, v: Array | None = None) -> Footpoints:

@@ -93,9 +93,7 @@ def _extend(rows: Array, breaks: Array, before: float, after: float) -> tuple[Ar
         ratio = after / width[-1]
         last = rows[-1]
         for m in range(min(degree, 2) + 1):
-            moment = sum(
-                last[k] * factorial(k) / (factorial(m) * factorial(k - m)) for k in range(m, degree + 1)
-            )
+            moment = sum(last[k] * factorial(k) / (factorial(m) * factorial(k - m)) for k in range(m, degree + 1))
             block[0, m] = moment * ratio**m
         parts.append(block)
         ends.append(breaks[-1:] + after)

@@ -11,7 +11,16 @@ from numba import njit, prange
 # Newton's last step is quadratic: once a step is this small (in units of the span), the second-order Taylor expansion
 # about the point where it was computed is exact to rounding, and no further evaluation is needed.
 LAST_STEP = 3.0e-6
+# Without quadratic convergence a small step says little about the distance left, so it has to be tiny.
+LAST_LINEAR_STEP = 1.0e-12
 MAX_ITERATIONS = 40
+# The Hessian of the half squared distance over the metric has the determinant Π(1 - ρ κ): above this it is taken for
+# positive, and Newton's method converges quadratically even close to a centre of curvature.
+SAFELY_POSITIVE = 1.0e-6
+# Where it is not positive, its eigenvalues 1 - ρ κ are replaced by their moduli, and by no less than this.
+LEAST_MODULUS = 0.05
+# Squared sine of the angle between tangents below which they count as parallel or one of them as vanished (a pole).
+PARALLEL = 1.0e-14
 
 INTERIOR = 1  # the foot is a true orthogonal projection inside the box of the surface proper
 CLAMPED = 2  # the foot sits on the boundary of the domain searched; the residual is not along the normal there
@@ -86,7 +95,7 @@ def local_frame(block, a, b):
     return x, y, z
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
     """Fill out (N, 6, 3) with S, Su, Sv, Suu, Suv, Svv at the parameters u, v (N,)."""
     for k in range(u.shape[0]):
@@ -102,15 +111,55 @@ def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
             out[k, m, 2] = z[m] * scale[m]
 
 
-@njit(cache=True)
+@njit(inline="always")
+def _line_step(gradient, second, metric):
+    """Step along one parameter alone, and the size below which it is the last one."""
+    if second > SAFELY_POSITIVE * metric:
+        return -gradient / second, LAST_STEP * min(1.0, second / metric)
+    if metric > 0.0:
+        return -gradient / max(abs(second), LEAST_MODULUS * metric), LAST_LINEAR_STEP
+    return 0.0, LAST_STEP
+
+
+@njit(error_model="numpy", cache=True)
+def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
+    """Step with the eigenvalues of the Hessian, relative to the metric, replaced by their moduli."""
+    if not e * g - f * f > PARALLEL * e * g:
+        # Parallel tangents, or one that has vanished at a pole: each parameter for itself, the other half of its step.
+        da = -0.5 * ga / e if e > 0.0 else 0.0
+        db = -0.5 * gb / g if g > 0.0 else 0.0
+        return da, db
+    # Cholesky factors of the metric turn the Hessian into the symmetric matrix (p, q; q, r), the gradient into (x, y).
+    l11 = np.sqrt(e)
+    l21 = f / l11
+    l22 = np.sqrt(g - l21 * l21)
+    p = haa / e
+    q = (hab - p * f) / (l11 * l22)
+    r = (hbb - 2.0 * l21 * hab / l11 + l21 * l21 * p) / (l22 * l22)
+    x = ga / l11
+    y = (gb - l21 * x) / l22
+    angle = 0.5 * np.arctan2(2.0 * q, p - r)
+    c = np.cos(angle)
+    s = np.sin(angle)
+    first = max(abs(p * c * c + 2.0 * q * s * c + r * s * s), LEAST_MODULUS)
+    second = max(abs(p * s * s - 2.0 * q * s * c + r * c * c), LEAST_MODULUS)
+    along = -(c * x + s * y) / first
+    across = -(c * y - s * x) / second
+    x = c * along - s * across
+    y = s * along + c * across
+    db = y / l22
+    return (x - l21 * db) / l11, db
+
+
+@njit(error_model="numpy", cache=True)
 def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     """Footpoint of (px, py, pz) from the start (u, v).
 
     Returns (u, v, foot x, y, z, normal x, y, z, distance, flag). The normal is the unit S_u x S_v at the foot. The distance is
     signed by it; where the foot is clamped it is the component of the residual along the normal.
 
-    Newton on the gradient of the half squared distance; where the Hessian is not safely positive, the Gauss-Newton
-    matrix instead (always a descent direction), with step halving. Box-constrained: a parameter at a bound whose gradient
+    Newton on the gradient of the half squared distance; where the Hessian is not positive, with the moduli of its
+    eigenvalues (always a descent direction), with step halving. Box-constrained: a parameter at a bound whose gradient
     points outwards is held there and the other one is solved alone.
     """
     nu = breaks_u.shape[0] - 1
@@ -158,29 +207,24 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0)
         da = 0.0
         db = 0.0
-        if hold_u and hold_v:
-            held = 1
-        elif hold_u:
-            held = 1
-            db = -gb / (hbb if hbb > 0.05 * g else g)
-        elif hold_v:
-            held = 1
-            da = -ga / (haa if haa > 0.05 * e else e)
-        else:
-            held = 0
+        last = LAST_STEP
+        held = 1 if hold_u or hold_v else 0
+        if hold_u and not hold_v:
+            db, last = _line_step(gb, hbb, g)
+        elif hold_v and not hold_u:
+            da, last = _line_step(ga, haa, e)
+        elif held == 0:
             determinant = haa * hbb - hab * hab
-            if not (determinant > 0.0025 * e * g and haa > 0.05 * e):
-                haa = e
-                hab = f
-                hbb = g
-                determinant = e * g - f * f
-                if not determinant > 1e-14 * e * g:
-                    # Degenerate tangents (a pole of the parametrisation): a damped gradient step.
-                    haa = e + 1e-9 * (e + g)
-                    hbb = g + 1e-9 * (e + g)
-                    determinant = haa * hbb - hab * hab
-            da = (-ga * hbb + gb * hab) / determinant
-            db = (-gb * haa + ga * hab) / determinant
+            metric = e * g - f * f
+            if determinant > SAFELY_POSITIVE * metric and haa > 0.0:
+                if determinant < metric:
+                    # The error left is about the square of the step over 1 - ρ κ.
+                    last = LAST_STEP * determinant / metric
+                da = (-ga * hbb + gb * hab) / determinant
+                db = (-gb * haa + ga * hab) / determinant
+            else:
+                last = LAST_LINEAR_STEP
+                da, db = _descent_step(ga, gb, haa, hab, hbb, e, f, g)
         # A step of more than two spans is outside the reach of the local polynomial.
         longest = max(abs(da), abs(db))
         if longest > 2.0:
@@ -204,7 +248,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         v = vn
         da = du / wu
         db = dv / wv
-        if abs(da) < LAST_STEP and abs(db) < LAST_STEP:
+        if abs(da) < last and abs(db) < last:
             flag = CLAMPED if held == 1 else INTERIOR
             fx = x[0] + x[1] * da + x[2] * db + 0.5 * (x[3] * da * da + x[5] * db * db) + x[4] * da * db
             fy = y[0] + y[1] * da + y[2] * db + 0.5 * (y[3] * da * da + y[5] * db * db) + y[4] * da * db
@@ -218,6 +262,18 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
             nx = ay * bz - az * by
             ny = az * bx - ax * bz
             nz = ax * by - ay * bx
+            tangents = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
+            if nx * nx + ny * ny + nz * nz <= PARALLEL * max(tangents[0], tangents[1]) ** 2:
+                # A pole of the parametrisation: the tangent that vanishes is replaced by its derivative towards the inside.
+                if tangents[0] < tangents[1]:
+                    side = -1.0 if v >= v_high else 1.0
+                    ax, ay, az = side * x[4], side * y[4], side * z[4]
+                else:
+                    side = -1.0 if u >= u_high else 1.0
+                    bx, by, bz = side * x[4], side * y[4], side * z[4]
+                nx = ay * bz - az * by
+                ny = az * bx - ax * bz
+                nz = ax * by - ay * bx
             break
     if flag == FAILED:
         i = find_span(breaks_u, u)
@@ -244,13 +300,11 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     return u, v, fx, fy, fz, nx, ny, nz, distance, flag
 
 
-@njit(cache=True)
+@njit(error_model="numpy", cache=True)
 def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
     """Project points (N, 3), warm started from and written back to u, v (N,); fills foot, normal (N, 3), distance, flag (N,)."""
     for k in range(points.shape[0]):
-        r = project(
-            breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k]
-        )
+        r = project(breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k])
         u[k] = r[0]
         v[k] = r[1]
         foot[k, 0] = r[2]
@@ -263,13 +317,11 @@ def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal
         flag[k] = r[9]
 
 
-@njit(cache=True, parallel=True)
+@njit(error_model="numpy", cache=True, parallel=True)
 def footpoints_parallel(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
     """The same on all cores."""
     for k in prange(points.shape[0]):
-        r = project(
-            breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k]
-        )
+        r = project(breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k])
         u[k] = r[0]
         v[k] = r[1]
         foot[k, 0] = r[2]

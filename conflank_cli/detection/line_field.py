@@ -1,0 +1,100 @@
+"""The line field: at a contact point, the axes along which the distance to the face grows linearly to second order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.tool import Tool
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SeedLines:
+    """Candidate axes.
+
+    Attributes
+    ----------
+    p: points on the axes in the plane of r_min, shape (N, 3), mm.
+    d: unit directions tip to spindle, shape (N, 3).
+    uv: parameters of the contact points, shape (N, 2).
+    height: height on the axis of the sphere that touches there, shape (N,), mm.
+    curvature: |second derivative of the distance along the axis| that is left, shape (N,), 1/mm; 0 where the offset
+        surface is saddle shaped.
+    """
+
+    p: Array
+    d: Array
+    uv: Array
+    height: Array
+    curvature: Array
+
+
+def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance: float = 0.0) -> SeedLines:
+    """Lines through contact points by the second-order condition.
+
+    Parameters
+    ----------
+    face: the face.
+    tool: the cutter.
+    uv: contact parameters, shape (N, 2).
+    heights: heights of sphere centres on the axis to try at every contact, shape (H,), mm.
+    allowance: stock to leave, mm.
+
+    With unit normal n towards the cutter and curvatures κ signed positive where the face bends towards n, the distance to
+    the face at offset ρ has the Hessian Σ -κ_i / (1 - ρ κ_i) e_i e_iᵀ. An axis on which the distance grows with slope
+    sin α has ⟨d, n⟩ = sin α, and its tangential part w makes wᵀ H w vanish: two lines where H is indefinite, of either
+    orientation. Where H is definite the direction of least curvature is the best there is.
+    Where 1 - ρ κ <= 0 the sphere does not fit, and no line is returned.
+
+    Source: do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3-2 (asymptotic directions); Bo,
+    Bartoň, Pottmann (2017), section 3.
+    """
+    frame = face.projector.evaluate(uv[:, 0], uv[:, 1])
+    su, sv = frame[:, 1], frame[:, 2]
+    normal = np.cross(su, sv)
+    normal *= (face.sense / np.linalg.norm(normal, axis=1))[:, None]
+    t1 = su / np.linalg.norm(su, axis=1)[:, None]
+    t2 = np.cross(normal, t1)
+    # Second fundamental form in the orthonormal basis t1, t2: B = J^-T (second derivatives . n) J^-1.
+    jacobian = np.stack(
+        [
+            np.stack([np.einsum("ni,ni->n", su, t1), np.einsum("ni,ni->n", sv, t1)], axis=1),
+            np.stack([np.einsum("ni,ni->n", su, t2), np.einsum("ni,ni->n", sv, t2)], axis=1),
+        ],
+        axis=1,
+    )
+    second = np.einsum("nki,ni->nk", frame[:, 3:], normal)
+    form = np.stack([second[:, [0, 1]], second[:, [1, 2]]], axis=1)
+    inverse = np.linalg.inv(jacobian)
+    curvature, vectors = np.linalg.eigh(np.swapaxes(inverse, 1, 2) @ form @ inverse)
+    e1 = vectors[:, 0, 0, None] * t1 + vectors[:, 1, 0, None] * t2
+    e2 = vectors[:, 0, 1, None] * t1 + vectors[:, 1, 1, None] * t2
+
+    sine = np.sin(tool.half_angle)
+    cosine = np.cos(tool.half_angle)
+    parts: list[tuple[Array, Array, Array, Array, Array]] = []
+    for height in heights:
+        radius = float(tool.sphere_radius(height)) + allowance
+        room = 1.0 - radius * curvature
+        fits = np.all(room > 0.02, axis=1)
+        hessian = -curvature / np.where(room > 0.02, room, 1.0)
+        low, high = hessian[:, 0], hessian[:, 1]
+        saddle = low * high < 0.0
+        # w = cos φ e1 + sin φ e2 with low cos² + high sin² = 0.
+        angle = np.where(saddle, np.arctan(np.sqrt(np.abs(low / np.where(high == 0.0, 1.0, high)))), 0.0)
+        angle = np.where(~saddle & (np.abs(high) < np.abs(low)), np.pi / 2, angle)
+        left = np.where(saddle, 0.0, np.minimum(np.abs(low), np.abs(high)))
+        for sign in (1.0, -1.0):
+            along = np.cos(angle)[:, None] * e1 + (sign * np.sin(angle))[:, None] * e2
+            # Without a saddle both signs are the same line.
+            use = fits & saddle if sign < 0.0 else fits
+            for orientation in (1.0, -1.0):
+                d = sine * normal + cosine * orientation * along
+                p = frame[:, 0] + radius * normal - height * d
+                parts.append((p[use], d[use], uv[use], np.full(int(use.sum()), height), left[use]))
+    return SeedLines(*(np.ascontiguousarray(np.concatenate([part[k] for part in parts])) for k in range(5)))

@@ -1,0 +1,472 @@
+"""The axis error along one tool axis, the refinement of a line, and the tracing of a line over a face.
+
+A line is (p, d): its point in the plane of r_min and its unit direction towards the spindle. Spheres of radius radii[j]
+sit on it at heights[j]; the axis error there is sense * distance - radius - allowance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from conflank_cli.geometry.kernels.footpoint import CLAMPED, FAILED, project
+
+# Weight of samples whose foot is off the face: enough to keep the line steady there, too little to pull it.
+OFF_FACE_WEIGHT = 0.01
+
+
+@njit(inline="always")
+def raster_value(raster, breaks_u, breaks_v, u, v):
+    """Nearest cell of a raster over the extended domain."""
+    i = int((u - breaks_u[0]) / (breaks_u[-1] - breaks_u[0]) * raster.shape[0])
+    j = int((v - breaks_v[0]) / (breaks_v[-1] - breaks_v[0]) * raster.shape[1])
+    i = min(max(i, 0), raster.shape[0] - 1)
+    j = min(max(j, 0), raster.shape[1] - 1)
+    return raster[i, j]
+
+
+@njit(cache=True)
+def axis_errors(
+    breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
+):
+    """Axis error at every sphere of a line; feet are warm started from `start` outwards.
+
+    u, v (J,): on input a start at index `start`; filled. error (J,) mm, normal (J, 3) towards the cutter, on (J,): 1 on
+    the face, 0 off it but on the surface or its extension, -1 where there is no footpoint.
+    """
+    count = heights.shape[0]
+    for side in range(2):
+        a = u[start]
+        b = v[start]
+        step = 1 if side == 0 else -1
+        j = start if side == 0 else start - 1
+        while 0 <= j < count:
+            h = heights[j]
+            r = project(breaks_u, breaks_v, coefficients, box, p[0] + h * d[0], p[1] + h * d[1], p[2] + h * d[2], a, b)
+            a = r[0]
+            b = r[1]
+            u[j] = a
+            v[j] = b
+            normal[j, 0] = sense * r[5]
+            normal[j, 1] = sense * r[6]
+            normal[j, 2] = sense * r[7]
+            error[j] = sense * r[8] - radii[j]
+            if r[9] == CLAMPED or r[9] == FAILED:
+                on[j] = -1.0
+            else:
+                on[j] = raster_value(raster, breaks_u, breaks_v, a, b)
+            j += step
+
+
+@njit(inline="always")
+def sample_weight(error, on, scale):
+    """Weight of a sample: overcut counts in full, stock left beyond `scale` fades (another sweep takes it).
+
+    The fading is Geman and McClure's, whose influence vanishes far out.
+    """
+    if on < 0.0:
+        return 0.0
+    w = 1.0
+    if error > 0.0:
+        q = error / scale
+        w = 1.0 / ((1.0 + q * q) * (1.0 + q * q))
+    if on < 0.5:
+        return w * OFF_FACE_WEIGHT
+    return w
+
+
+@njit(cache=True)
+def refine_line(
+    breaks_u,
+    breaks_v,
+    coefficients,
+    box,
+    sense,
+    raster,
+    p,
+    d,
+    heights,
+    radii,
+    start,
+    u,
+    v,
+    error,
+    normal,
+    on,
+    scale_first,
+    scale_last,
+    iterations,
+    damping,
+):
+    """Least squares in the five freedoms of a line, in place: p, d and the arrays of `axis_errors`.
+
+    Gauss-Newton on the weighted axis error with a small Levenberg term, which leaves the soft freedoms (sliding along the contact
+    and along the sweep) where they were. `scale` shrinks from first to last over the iterations.
+    Returns False where the line lost the face.
+    """
+    count = heights.shape[0]
+    matrix = np.empty((5, 5))
+    right = np.empty(5)
+    row = np.empty(5)
+    middle = 0.5 * (heights[0] + heights[count - 1])
+    half = 0.5 * (heights[count - 1] - heights[0])
+    for iteration in range(iterations):
+        axis_errors(
+            breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
+        )
+        # Two unit vectors across the axis; rotations are measured as displacement at the ends of the flute.
+        if abs(d[0]) < 0.6:
+            e1 = np.array([0.0, d[2], -d[1]])
+        else:
+            e1 = np.array([-d[2], 0.0, d[0]])
+        e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+        e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
+        fraction = iteration / max(iterations - 1, 1)
+        scale = scale_first * (scale_last / scale_first) ** fraction
+        matrix[:] = 0.0
+        right[:] = 0.0
+        total = 0.0
+        for j in range(count):
+            w = sample_weight(error[j], on[j], scale)
+            if w == 0.0:
+                continue
+            total += w
+            arm = (heights[j] - middle) / half
+            n1 = normal[j, 0] * e1[0] + normal[j, 1] * e1[1] + normal[j, 2] * e1[2]
+            n2 = normal[j, 0] * e2[0] + normal[j, 1] * e2[1] + normal[j, 2] * e2[2]
+            row[0] = n1
+            row[1] = n2
+            row[2] = normal[j, 0] * d[0] + normal[j, 1] * d[1] + normal[j, 2] * d[2]
+            row[3] = n1 * arm
+            row[4] = n2 * arm
+            for a in range(5):
+                right[a] -= w * row[a] * error[j]
+                for b in range(5):
+                    matrix[a, b] += w * row[a] * row[b]
+        if total < 1e-6:
+            return False
+        for a in range(5):
+            matrix[a, a] += damping * total + 1e-9
+        step = np.linalg.solve(matrix, right)
+        longest = np.sqrt(np.sum(step**2))
+        if longest > 1.0:
+            step *= 1.0 / longest
+        # Centre of the flute moves by step[0:3], the ends by +- step[3:5] across the axis.
+        cx = p + middle * d
+        for k in range(3):
+            cx[k] += step[0] * e1[k] + step[1] * e2[k] + step[2] * d[k]
+        for k in range(3):
+            d[k] += (step[3] * e1[k] + step[4] * e2[k]) / half
+        d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        for k in range(3):
+            p[k] = cx[k] - middle * d[k]
+    axis_errors(
+        breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
+    )
+    return True
+
+
+@njit(cache=True)
+def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
+    """Velocity of the axis that changes the axis error least: paper Eq. 5-6 as a generalised eigenproblem.
+
+    The velocity across the axis is linear along it, v(h) = (1 - s) v0 + s v1 with s from the lowest to the highest sphere;
+    motion along the axis and spin are excluded by the parametrisation. Minimises sum w <v, n>^2 over the mean of |v|^2,
+    plus `stiffness` times the squared turning, which decides where contact does not.
+    Fills out (2, 3) with v0, v1, normalised to unit mean square speed; returns the eigenvalue.
+    """
+    count = heights.shape[0]
+    if abs(d[0]) < 0.6:
+        e1 = np.array([0.0, d[2], -d[1]])
+    else:
+        e1 = np.array([-d[2], 0.0, d[0]])
+    e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+    e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
+    matrix = np.zeros((4, 4))
+    row = np.empty(4)
+    total = 0.0
+    for j in range(count):
+        w = sample_weight(error[j], on[j], scale)
+        s = (heights[j] - heights[0]) / (heights[count - 1] - heights[0])
+        n1 = normal[j, 0] * e1[0] + normal[j, 1] * e1[1] + normal[j, 2] * e1[2]
+        n2 = normal[j, 0] * e2[0] + normal[j, 1] * e2[1] + normal[j, 2] * e2[2]
+        row[0] = (1.0 - s) * n1
+        row[1] = (1.0 - s) * n2
+        row[2] = s * n1
+        row[3] = s * n2
+        total += w
+        for a in range(4):
+            for b in range(4):
+                matrix[a, b] += w * row[a] * row[b]
+    matrix /= max(total, 1e-9)
+    for k in range(2):
+        matrix[k, k] += stiffness
+        matrix[k + 2, k + 2] += stiffness
+        matrix[k, k + 2] -= stiffness
+        matrix[k + 2, k] -= stiffness
+    # Mass matrix of a linear velocity: [[1/3, 1/6], [1/6, 1/3]] in each direction; its Cholesky factor is explicit.
+    l11 = np.sqrt(1.0 / 3.0)
+    l21 = (1.0 / 6.0) / l11
+    l22 = np.sqrt(1.0 / 3.0 - l21 * l21)
+    inverse = np.zeros((4, 4))
+    for k in range(2):
+        inverse[k, k] = 1.0 / l11
+        inverse[k + 2, k] = -l21 / (l11 * l22)
+        inverse[k + 2, k + 2] = 1.0 / l22
+    reduced = inverse @ matrix @ inverse.T
+    values, vectors = np.linalg.eigh(reduced)
+    best = inverse.T @ np.ascontiguousarray(vectors[:, 0])
+    for k in range(3):
+        out[0, k] = best[0] * e1[k] + best[1] * e2[k]
+        out[1, k] = best[2] * e1[k] + best[3] * e2[k]
+    return values[0]
+
+
+@njit(cache=True)
+def line_quality(error, on, tolerance_over, tolerance_under):
+    """(samples on the face, samples within tolerance, worst overcut) of a line."""
+    there = 0
+    good = 0
+    worst = 0.0
+    for j in range(error.shape[0]):
+        if on[j] > 0.5:
+            there += 1
+            worst = min(worst, error[j])
+            if -tolerance_over <= error[j] <= tolerance_under:
+                good += 1
+    return there, good, worst
+
+
+@njit(cache=True)
+def trace_line(
+    breaks_u,
+    breaks_v,
+    coefficients,
+    box,
+    sense,
+    raster,
+    p0,
+    d0,
+    heights,
+    radii,
+    start0,
+    u0,
+    v0,
+    step,
+    over,
+    under,
+    sequence_p,
+    sequence_d,
+    sequence_error,
+    sequence_u,
+    sequence_v,
+    sequence_on,
+):
+    """Refine a line and follow it over the face both ways by prediction and correction.
+
+    The line is moved `step` mm along the direction that changes the axis error least, refined, and kept while enough of
+    it is within tolerance; it ends where it leaves the face, loses tolerance, or turns back. The last lines just off the
+    face are kept, so that a patch reaches the edge.
+    sequence_* have room for T lines: p, d (T, 3), error, u, v, on (T, J). Returns (first, last + 1) of the rows used.
+    """
+    room = sequence_p.shape[0]
+    count = heights.shape[0]
+    u = np.empty(count)
+    v = np.empty(count)
+    error = np.empty(count)
+    normal = np.empty((count, 3))
+    on = np.empty(count)
+    velocity = np.empty((2, 3))
+    last = np.empty((2, 3))
+    p = p0.copy()
+    d = d0.copy()
+    start = start0
+    u[start] = u0
+    v[start] = v0
+    scale = 1.5 * under
+    length = heights[count - 1] - heights[0]
+    found = refine_line(
+        breaks_u,
+        breaks_v,
+        coefficients,
+        box,
+        sense,
+        raster,
+        p,
+        d,
+        heights,
+        radii,
+        start,
+        u,
+        v,
+        error,
+        normal,
+        on,
+        20.0 * under,
+        scale,
+        10,
+        1e-3,
+    )
+    centre = room // 2
+    if not found:
+        return centre, centre
+    there, good, worst = line_quality(error, on, over, under)
+    if there < 4 or good < 0.3 * there or good < 4 or worst < -1.5 * over:
+        return centre, centre
+    first_p = p.copy()
+    first_d = d.copy()
+    first_u = u.copy()
+    first_v = v.copy()
+    first_error = error.copy()
+    first_normal = normal.copy()
+    first_on = on.copy()
+    low = centre
+    high = centre + 1
+    sequence_p[centre] = p
+    sequence_d[centre] = d
+    sequence_error[centre] = error
+    sequence_u[centre] = u
+    sequence_v[centre] = v
+    sequence_on[centre] = on
+    for side in range(2):
+        p[:] = first_p
+        d[:] = first_d
+        u[:] = first_u
+        v[:] = first_v
+        error[:] = first_error
+        normal[:] = first_normal
+        on[:] = first_on
+        sign = 1.0 if side == 0 else -1.0
+        off = 0
+        for k in range(1, centre):
+            sweep_direction(p, d, heights, normal, error, on, scale, 0.02, velocity)
+            if k > 1:
+                turn = 0.0
+                for m in range(3):
+                    turn += (velocity[0, m] + velocity[1, m]) * (last[0, m] + last[1, m])
+                sign = 1.0 if turn > 0.0 else -1.0
+            before_middle = p + 0.5 * length * d
+            start_low = p + heights[0] * d
+            start_high = p + heights[count - 1] * d
+            for m in range(3):
+                velocity[0, m] *= sign
+                velocity[1, m] *= sign
+                start_low[m] += step * velocity[0, m]
+                start_high[m] += step * velocity[1, m]
+            last[:] = velocity
+            d[:] = start_high - start_low
+            d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+            mid = 0.5 * (start_low + start_high)
+            for m in range(3):
+                p[m] = mid[m] - 0.5 * (heights[0] + heights[count - 1]) * d[m]
+            start = count // 2
+            for j in range(count):
+                # Start where the face is.
+                if on[j] > 0.5 and abs(j - count // 2) < abs(start - count // 2) + count * (on[start] < 0.5):
+                    start = j
+            ok = refine_line(
+                breaks_u,
+                breaks_v,
+                coefficients,
+                box,
+                sense,
+                raster,
+                p,
+                d,
+                heights,
+                radii,
+                start,
+                u,
+                v,
+                error,
+                normal,
+                on,
+                3.0 * under,
+                scale,
+                4,
+                1e-3,
+            )
+            if not ok:
+                break
+            forward = 0.0
+            for m in range(3):
+                forward += (p[m] + 0.5 * length * d[m] - before_middle[m]) * (last[0, m] + last[1, m]) * 0.5
+            if forward < 0.3 * step:
+                break
+            there, good, worst = line_quality(error, on, over, under)
+            if worst < -2.0 * over:
+                break
+            if there < 2:
+                off += 1
+            elif good < 0.25 * there or good < 2:
+                break
+            row = centre + k if side == 0 else centre - k
+            sequence_p[row] = p
+            sequence_d[row] = d
+            sequence_error[row] = error
+            sequence_u[row] = u
+            sequence_v[row] = v
+            sequence_on[row] = on
+            if side == 0:
+                high = row + 1
+            else:
+                low = row
+            if off >= 2:
+                break
+    return low, high
+
+
+@njit(cache=True, parallel=True)
+def trace_all(
+    breaks_u,
+    breaks_v,
+    coefficients,
+    box,
+    sense,
+    raster,
+    p,
+    d,
+    heights,
+    radii,
+    start,
+    u,
+    v,
+    step,
+    over,
+    under,
+    sequence_p,
+    sequence_d,
+    sequence_error,
+    sequence_u,
+    sequence_v,
+    sequence_on,
+    spans,
+):
+    """`trace_line` for every seed on all cores; spans (N, 2) gets the rows used."""
+    for k in prange(p.shape[0]):
+        low, high = trace_line(
+            breaks_u,
+            breaks_v,
+            coefficients,
+            box,
+            sense,
+            raster,
+            p[k],
+            d[k],
+            heights,
+            radii,
+            start[k],
+            u[k],
+            v[k],
+            step,
+            over,
+            under,
+            sequence_p[k],
+            sequence_d[k],
+            sequence_error[k],
+            sequence_u[k],
+            sequence_v[k],
+            sequence_on[k],
+        )
+        spans[k, 0] = low
+        spans[k, 1] = high
