@@ -31,8 +31,8 @@ SEEDS_AT_MOST = 400
 class Footpoints(NamedTuple):
     """Footpoints of N points.
 
-    u, v (N,): parameters. foot (N, 3): points on the surface, mm. normal (N, 3): unit S_u x S_v. distance (N,): signed by
-    the normal, mm. flag (N,): INTERIOR, CLAMPED, OUTSIDE or FAILED.
+    u, v (N,): parameters. foot (N, 3): points on the surface, mm. normal (N, 3): unit S_u x S_v. distance (N,): signed
+    by the normal, mm. flag (N,): INTERIOR, CLAMPED, OUTSIDE or FAILED.
     """
 
     u: Array
@@ -85,7 +85,8 @@ class Projector:
         """Project points (N, 3); warm from u, v (N,) where given, else cold from the nearest sample.
 
         Does not promise the globally nearest point where two parts of the surface are about equally near and the seed's
-        cell straddles both.
+        cell straddles both; nor a foot on a crease (a knot of full multiplicity, where the tangents jump): such points
+        are FAILED.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         if u is None or v is None:

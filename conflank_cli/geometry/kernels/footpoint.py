@@ -44,7 +44,7 @@ def find_span(breaks, x):
 
 @njit(inline="always")
 def _component(c, a, b):
-    """Value and derivatives f, fa, fb, faa, fab, fbb of one coordinate: Horner's rule, second derivatives carried along."""
+    """Value and derivatives f, fa, fb, faa, fab, fbb of one coordinate by Horner's rule."""
     f = 0.0
     fa = 0.0
     faa = 0.0
@@ -83,7 +83,7 @@ def _rational(f, w):
 
 @njit(inline="always")
 def local_frame(block, a, b):
-    """The 18 numbers S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
+    """S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
     x = _component(block[0], a, b)
     y = _component(block[1], a, b)
     z = _component(block[2], a, b)
@@ -155,8 +155,8 @@ def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
 def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     """Footpoint of (px, py, pz) from the start (u, v).
 
-    Returns (u, v, foot x, y, z, normal x, y, z, distance, flag). The normal is the unit S_u x S_v at the foot. The distance is
-    signed by it; where the foot is clamped it is the component of the residual along the normal.
+    Returns (u, v, foot x, y, z, normal x, y, z, distance, flag). The normal is the unit S_u x S_v at the foot. The
+    distance is signed by it; where the foot is clamped it is the component of the residual along the normal.
 
     Newton on the gradient of the half squared distance; where the Hessian is not positive, with the moduli of its
     eigenvalues (always a descent direction), with step halving. Box-constrained: a parameter at a bound whose gradient
@@ -264,7 +264,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
             nz = ax * by - ay * bx
             tangents = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
             if nx * nx + ny * ny + nz * nz <= PARALLEL * max(tangents[0], tangents[1]) ** 2:
-                # A pole of the parametrisation: the tangent that vanishes is replaced by its derivative towards the inside.
+                # A pole: the tangent that vanishes is replaced by its derivative towards the inside.
                 if tangents[0] < tangents[1]:
                     side = -1.0 if v >= v_high else 1.0
                     ax, ay, az = side * x[4], side * y[4], side * z[4]
@@ -302,7 +302,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
 
 @njit(error_model="numpy", cache=True)
 def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
-    """Project points (N, 3), warm started from and written back to u, v (N,); fills foot, normal (N, 3), distance, flag (N,)."""
+    """Project points (N, 3), warm started from u, v (N,), which are overwritten; fills foot, normal, distance, flag."""
     for k in range(points.shape[0]):
         r = project(breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k])
         u[k] = r[0]
