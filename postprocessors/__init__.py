@@ -1,0 +1,1 @@
+"""From neutral tool path to machine control; knows nothing of conflank_cli."""

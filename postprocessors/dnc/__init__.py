@@ -1,0 +1,1 @@
+"""Serial transfer of programs."""

@@ -1,0 +1,1 @@
+"""Tool axis to rotary words and back."""

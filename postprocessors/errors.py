@@ -1,0 +1,25 @@
+"""What can go wrong in a post, as a user reads it: where, what was found, what was expected, and what to do next."""
+
+from __future__ import annotations
+
+
+class PostError(Exception):
+    """A program cannot be written; nothing has been written.
+
+    Parameters
+    ----------
+    where: file, option, or sweep and pose.
+    found: what is there.
+    expected: what should be there.
+    next_step: what the user can do about it.
+    """
+
+    def __init__(self, where: str, found: str, expected: str, next_step: str) -> None:
+        super().__init__(where, found, expected, next_step)
+        self.where = where
+        self.found = found
+        self.expected = expected
+        self.next_step = next_step
+
+    def __str__(self) -> str:
+        return f"{self.where}: found {self.found}; expected {self.expected}. {self.next_step}"
