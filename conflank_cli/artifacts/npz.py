@@ -16,7 +16,6 @@ import io
 import sys
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Struct
 
+from conflank_cli import __version__
 from conflank_cli.errors import InputError, NumericalError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
@@ -111,11 +111,6 @@ class _Schema(Struct, frozen=True):
     version: int
 
 
-def program_version() -> str:
-    """Version of this program."""
-    return version("conflank")
-
-
 def write_artifact(
     kind: Kind,
     scene: Scene,
@@ -169,7 +164,7 @@ def encode_artifact(kind: Kind, scene: Scene, sweeps: Sequence[Sweep], summary: 
     document = Document(
         schema=f"conflank/{kind}",
         version=SCHEMA_VERSION,
-        program_version=program_version(),
+        program_version=__version__,
         units=dict(UNITS),
         job=msgspec.to_builtins(scene.job),
         inputs=dict(scene.inputs),

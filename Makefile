@@ -1,0 +1,39 @@
+# setup: a virtual environment with everything; check: format, lint, types; test: the tests of every day.
+# Set VENV to use another environment.
+VENV ?= .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+
+.PHONY: setup check test test-all bench samples demo clean
+
+setup: $(BIN)/conflank
+
+$(BIN)/conflank: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+check: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+test: setup
+	$(BIN)/python -m pytest
+
+test-all: setup
+	$(BIN)/python -m pytest -m "slow or not slow"
+
+bench: setup
+	$(BIN)/python -m benchmarks
+
+samples: setup
+	$(MAKE) -C sample_parts CONFLANK=$(abspath $(BIN)/conflank) PYTHON=$(abspath $(BIN)/python)
+
+# The main job: from the STEP file of a blade to a program that has been read back and measured. Findings (exit code 1)
+# are a result of it, not a failure of the demonstration.
+demo: setup
+	$(BIN)/conflank run sample_parts/blisk_blade/job.toml --out out || test $$? -eq 1
+
+clean:
+	rm -rf out .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

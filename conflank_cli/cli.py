@@ -1,0 +1,137 @@
+"""The command line: the group of commands, and what a user sees when something goes wrong."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+import click
+
+from conflank_cli import __version__
+from conflank_cli.errors import EXIT_DONE, EXIT_INPUT, EXIT_NUMERICAL, EXIT_USAGE, ConflankError
+from postprocessors.errors import PostError
+
+# What a shell reports for a program that SIGINT or SIGPIPE ended.
+EXIT_INTERRUPTED = 130
+EXIT_BROKEN_PIPE = 141
+
+COMMANDS = {
+    "inspect": "conflank_cli.commands.inspect_:inspect",
+    "detect": "conflank_cli.commands.detect:detect",
+    "optimize": "conflank_cli.commands.optimize:optimize",
+    "select": "conflank_cli.commands.select:select",
+    "post": "conflank_cli.commands.post:post",
+    "verify": "conflank_cli.commands.verify:verify",
+    "run": "conflank_cli.commands.run:run",
+}
+"""Commands in the order of the pipeline, as module:attribute. A command module imports numerics only when it runs."""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command when it is needed and words errors in three parts."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands in the order of the pipeline."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name, imported now."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, attribute = COMMANDS[cmd_name].partition(":")
+        command = getattr(import_module(module), attribute)
+        assert isinstance(command, click.Command)
+        return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; a reader that left the pipe is no error to speak of."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
+        except BrokenPipeError:
+            # Python flushes stdout once more at exit, and would complain then.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(EXIT_BROKEN_PIPE)
+
+    def main(self, args: Sequence[str] | None = None, standalone_mode: bool = True, **extra: Any) -> Any:  # type: ignore[override]
+        """Run, print errors, and exit with the code that the contract names."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        extra["prog_name"] = "conflank"
+        run = super().main
+        if not standalone_mode:
+            return run(arguments, standalone_mode=False, **extra)
+        sys.exit(
+            _guarded(lambda: run(arguments, standalone_mode=False, **extra), debug="--debug" in arguments),
+        )
+
+
+def _guarded(run: Callable[[], Any], debug: bool) -> int:
+    """Run, and turn whatever happens into one message and an exit code."""
+    try:
+        code = run()
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return EXIT_USAGE
+    except click.ClickException as error:
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context else "conflank"
+        _say(f"{path}: {error.format_message()}", next_step=f"{path} --help tells more.")
+        return EXIT_USAGE
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("Interrupted: nothing was written.", err=True)
+        return EXIT_INTERRUPTED
+    except (ConflankError, PostError) as error:
+        if debug:
+            traceback.print_exc()
+        _say(error.where, error.found, error.expected, error.next_step)
+        return error.exit_code if isinstance(error, ConflankError) else EXIT_INPUT
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        text = " ".join(str(error).split()) or "no further word"
+        _say(
+            "conflank itself",
+            f"{type(error).__name__}: {text}",
+            "no error of the program's own",
+            "Run it again with --debug, and report what it prints together with the job.",
+        )
+        return EXIT_NUMERICAL
+    return code if isinstance(code, int) else EXIT_DONE
+
+
+def _say(where: str, found: str = "", expected: str = "", next_step: str = "") -> None:
+    """Print one message: where, found against expected, next step."""
+    lines = [f"error: {where}"]
+    lines += [
+        f"  {name:<9} {text}" for name, text in (("found", found), ("expected", expected), ("next", next_step)) if text
+    ]
+    click.echo("\n".join(lines), err=True)
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="\b\nExample:\n  conflank run job.toml --out out",
+)
+@click.version_option(__version__)
+def cli() -> None:
+    """Programs for flank milling of blades with conical tools.
+
+    From a CAD part and a job file to a HEIDENHAIN program that has been read back and measured. Each stage reads the
+    file before it and writes its own; a file left out, or -, is standard input or output:
+
+    \b
+      conflank detect job.toml | conflank optimize | conflank select | conflank post > BLADE.H
+
+    Exit codes: 0 done, 1 valid run with findings, 2 usage, 3 bad input file, 4 numerical failure, 5 device.
+    """
+
+
+def main() -> None:
+    """Entry point of the command `conflank`."""
+    cli.main()

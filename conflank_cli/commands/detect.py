@@ -1,0 +1,31 @@
+"""`conflank detect`: from a job to candidate sweeps."""
+
+from __future__ import annotations
+
+import click
+
+from conflank_cli import options
+from conflank_cli.options import Talk
+
+
+@click.command(epilog="\b\nExample:\n  conflank detect job.toml -o candidates.npz")
+@options.source("JOB")
+@options.output("the candidates (NPZ)")
+@options.common
+def detect(source: str, output: str, talk: Talk) -> None:
+    """Find candidate sweeps on the design faces of a job.
+
+    JOB is a job file in TOML (docs/file-formats.md lists its keys).
+    """
+    from conflank_cli.artifacts import write_artifact
+    from conflank_cli.cad.scene import load_scene
+    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.stages import run_detect
+    from conflank_cli.output import check_output
+
+    job, folder = read_job(source)
+    inputs = files_of(source, job, folder)
+    check_output(output, inputs, binary=True)
+    scene = load_scene(job, folder)
+    sweeps, summary = run_detect(scene, talk)
+    write_artifact("candidates", scene, sweeps, summary, output, inputs)

@@ -1,0 +1,53 @@
+"""What commands read: jobs, scenes, artifacts, and the parts of a job that a later stage may replace."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from conflank_cli.options import Talk
+from conflank_cli.output import STANDARD
+
+if TYPE_CHECKING:
+    from conflank_cli.job import Job
+    from conflank_cli.scene import Scene
+
+DOWNSTREAM = {
+    "optimize": ("tolerance", "optimization", "selection", "obstacles", "setup", "machine", "program"),
+    "select": ("selection", "obstacles", "setup", "machine", "program"),
+    "post": ("setup", "machine", "program"),
+}
+"""Tables of the job that --job replaces: those that no stage before this one has used."""
+
+
+def read_job(source: str) -> tuple[Job, Path]:
+    """A job and the folder its paths are relative to; from standard input that is the current folder."""
+    from conflank_cli.job import load_job, parse_job
+
+    if source == STANDARD:
+        return parse_job(sys.stdin.buffer.read(), "standard input", Path()), Path()
+    return load_job(source), Path(source).parent
+
+
+def files_of(source: str, job: Job, folder: Path) -> list[Path]:
+    """The files a job is made of: none of them may be an output."""
+    names = [job.part.file, *job.obstacles.meshes, *([job.machine.file] if job.machine.file else [])]
+    return [folder / name for name in names] + ([] if source == STANDARD else [Path(source)])
+
+
+def override(scene: Scene, stage: str, job_file: str | None, talk: Talk) -> Scene:
+    """The scene with those tables of another job file that are downstream of `stage`; says what it does not take."""
+    if job_file is None:
+        return scene
+    from msgspec.structs import asdict
+    from msgspec.structs import replace as replace_struct
+
+    job, _ = read_job(job_file)
+    taken, given = asdict(scene.job), asdict(job)
+    late = DOWNSTREAM[stage]
+    kept = [name for name in taken if name not in late and taken[name] != given[name]]
+    if kept:
+        talk.note(f"note: [{'], ['.join(kept)}] of {job_file} differ, but are settled before {stage}: not used")
+    return replace(scene, job=replace_struct(scene.job, **{name: given[name] for name in late}))

@@ -1,0 +1,30 @@
+"""`conflank optimize`: from candidate sweeps to motions whose envelope is the face."""
+
+from __future__ import annotations
+
+import click
+
+from conflank_cli import options
+from conflank_cli.options import Talk
+
+
+@click.command(epilog="\b\nExample:\n  conflank optimize candidates.npz -o motions.npz")
+@options.source("CANDIDATES")
+@options.output("the motions (NPZ)")
+@options.job_override("[tolerance], [optimization] and all tables after it")
+@options.common
+def optimize(source: str, output: str, job_file: str | None, talk: Talk) -> None:
+    """Fit the motion of each candidate so that the cutter's envelope is the face.
+
+    CANDIDATES is what conflank detect writes.
+    """
+    from conflank_cli.artifacts import read_artifact, write_artifact
+    from conflank_cli.commands.inputs import override
+    from conflank_cli.commands.stages import run_optimize
+    from conflank_cli.output import check_output
+
+    check_output(output, [source], binary=True)
+    scene, sweeps, _ = read_artifact(source, "candidates")
+    scene = override(scene, "optimize", job_file, talk)
+    motions, summary = run_optimize(scene, sweeps, talk)
+    write_artifact("motions", scene, motions, summary, output, [source])

@@ -1,0 +1,78 @@
+"""`conflank run`: the whole pipeline, from a job to a program that has been verified."""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+from conflank_cli import options
+from conflank_cli.options import Talk
+
+
+@click.command(epilog="\b\nExample:\n  conflank run job.toml --out out")
+@click.argument("job_file", metavar="JOB")
+@click.option("--out", "folder_out", metavar="DIR", default="out", show_default=True, help="Folder for the files.")
+@options.as_json
+@options.common
+def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
+    """Run all stages of a job and verify the program.
+
+    Writes candidates.npz, motions.npz, plan.npz, NAME.H and NAME.H.verification.json into DIR, all of them or none.
+    Exit code 1 means that the verification has findings; --json prints it with the names of the files.
+    """
+    from pathlib import Path
+
+    import msgspec
+
+    from conflank_cli.artifacts.npz import encode_artifact
+    from conflank_cli.cad.scene import load_scene
+    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
+    from conflank_cli.commands.tables import cut_table
+    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
+    from conflank_cli.output import check_output, write_output
+    from conflank_cli.posting import machine_of, post_program
+
+    start = time.perf_counter()
+    job, folder = read_job(job_file)
+    inputs = files_of(job_file, job, folder)
+    out = Path(folder_out)
+    program = f"{job.program.name}.{job.program.format.upper()}"
+    names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json")
+    if out.exists():
+        if not out.is_dir():
+            raise UsageError(f"--out {out}", "a file", "a folder", "Name another.")
+        for name in names:
+            check_output(out / name, inputs)
+    # A machine that does not exist should not be found out after all the computing.
+    machine_of(job)
+    scene = load_scene(job, folder)
+
+    candidates, candidates_summary = run_detect(scene, talk)
+    motions, motions_summary = run_optimize(scene, candidates, talk)
+    plan, plan_summary = run_select(scene, motions, talk)
+    with talk.timed("post"):
+        text, _ = post_program(scene, plan)
+    verification = run_verify(text.encode("ascii"), program, scene, talk)
+
+    contents: tuple[bytes | str, ...] = (
+        encode_artifact("candidates", scene, candidates, candidates_summary),
+        encode_artifact("motions", scene, motions, motions_summary),
+        encode_artifact("plan", scene, plan, plan_summary),
+        text,
+        verification.text,
+    )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out {out}", f"{error.strerror}", "a folder that can be made", "Name another.") from None
+    for name, content in zip(names, contents, strict=True):
+        write_output(content, out / name, inputs)
+
+    talk.note(cut_table(verification.facts))
+    talk.note(f"program    {out / program}\ncomputed   {time.perf_counter() - start:.1f} s")
+    if as_json:
+        summary = {"files": [str(out / name) for name in names], "verification": verification.facts}
+        click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
+    return EXIT_FINDINGS if verification.facts["findings"] else EXIT_DONE

@@ -1,0 +1,84 @@
+"""The stages as the commands call them: each with its bar, its summary, and a refusal where nothing came out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from conflank_cli.errors import NumericalError
+from conflank_cli.options import Talk
+from conflank_cli.scene import Scene
+from conflank_cli.sweep import Sweep
+
+
+def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
+    """Candidate sweeps and their summary.
+
+    Raises
+    ------
+    NumericalError: no tool touches a face along a line anywhere.
+    """
+    from conflank_cli.detection import detect
+
+    with talk.timed("detect"):
+        sweeps = detect(scene, talk.progress)
+    if not sweeps:
+        raise NumericalError(
+            "detect",
+            "no line along which a tool in use touches a design face",
+            "at least one",
+            'Try smaller or more tapered tools, wider tolerances, or [detection] density = "exhaustive".',
+        )
+    return sweeps, _counts(scene, sweeps)
+
+
+def run_optimize(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
+    """Optimised sweeps and their summary.
+
+    Raises
+    ------
+    NumericalError: no candidate survived.
+    """
+    from conflank_cli.optimization import optimize
+
+    with talk.timed("optimize"):
+        motions = optimize(scene, list(sweeps), talk.progress)
+    if not motions:
+        raise NumericalError(
+            "optimize",
+            f"no usable motion from {len(sweeps)} candidates",
+            "at least one",
+            "Widen [tolerance], or try smaller tools.",
+        )
+    return motions, _counts(scene, motions)
+
+
+def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
+    """The plan and its summary.
+
+    Raises
+    ------
+    NumericalError: no sweep covers anything.
+    """
+    from conflank_cli.selection import select
+
+    with talk.timed("select"):
+        plan, summary = select(scene, list(sweeps), talk.progress)
+    if not plan:
+        raise NumericalError(
+            "select",
+            f"no sweep of {len(sweeps)} that covers anything within the tolerances",
+            "at least one",
+            "Widen [tolerance] overcut and undercut, or try other tools.",
+        )
+    return plan, _counts(scene, plan) | summary
+
+
+def _counts(scene: Scene, sweeps: Sequence[Sweep]) -> dict[str, Any]:
+    """How many sweeps there are, by tool and by face."""
+    return {
+        "sweeps": len(sweeps),
+        "by_tool": dict(Counter(sweep.tool for sweep in sweeps)),
+        "by_face": dict(Counter(str(scene.faces[sweep.face].number) for sweep in sweeps)),
+    }

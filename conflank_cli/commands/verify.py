@@ -1,0 +1,45 @@
+"""`conflank verify`: what a program cuts, from its text."""
+
+from __future__ import annotations
+
+import click
+
+from conflank_cli import options
+from conflank_cli.options import Talk
+
+
+@click.command(epilog="\b\nExample:\n  conflank verify BLADE1.H --job job.toml")
+@options.source("PROGRAM")
+@click.option("--job", "job_file", metavar="JOB", required=True, help="Job file with the part, tools and tolerances.")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    help="Where to write the verification (JSON); default: PROGRAM.verification.json, standard output for a program "
+    "from standard input.",
+)
+@options.common
+def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
+    """Read a program back and state what it cuts.
+
+    PROGRAM is any program for the control, ours or foreign. Exit code 1 means that there are findings.
+    """
+    from conflank_cli.artifacts.npz import read_source
+    from conflank_cli.cad.scene import load_scene
+    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.stages import run_verify
+    from conflank_cli.commands.tables import cut_table
+    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
+    from conflank_cli.output import STANDARD, check_output, write_output
+
+    if output is None:
+        output = STANDARD if source == STANDARD else f"{source}.verification.json"
+    job, folder = read_job(job_file)
+    inputs = [source, *files_of(job_file, job, folder)]
+    check_output(output, inputs)
+    name, program = read_source(source)
+    scene = load_scene(job, folder)
+    verification = run_verify(program, name, scene, talk)
+    write_output(verification.text, output, inputs)
+    talk.note(cut_table(verification.facts))
+    return EXIT_FINDINGS if verification.facts["findings"] else EXIT_DONE
