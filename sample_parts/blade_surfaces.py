@@ -15,12 +15,13 @@ Computer Aided Geometric Design 15 (1998), section 4 (envelopes of one- and two-
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from conflank_cli.geometry.surface import BSplineSurface
 
@@ -98,34 +99,93 @@ def _towards_thinner(jet: CamberJet) -> Array:
     return np.asarray(-a[..., None] * jet.along_x - b[..., None] * jet.along_h)
 
 
-def side_points(law: BladeLaw, sheet: float, x: Array, h: Array) -> Array:
-    """Points of one side, shape (..., 3): where the spheres centred at c(x, h) touch it; sheet SUCTION or PRESSURE."""
-    jet = camber_jet(law, x, h)
-    tangential = _towards_thinner(jet)
-    height = np.sqrt(1.0 - _dot(tangential, tangential))
-    direction = tangential + sheet * height[..., None] * jet.normal
-    return np.asarray(jet.point + jet.radius[..., None] * direction)
+Contact = Callable[[Array, Array], tuple[Array, Array]]
+"""(u, h) of shape (...) -> points on the blade and unit normals out of it, each (..., 3)."""
 
 
-def edge_points(law: BladeLaw, x_edge: float, turn: Array, h: Array) -> Array:
-    """Points of a round edge, shape (..., 3).
+def side_contact(law: BladeLaw, sheet: float) -> Contact:
+    """One side, u = x: where the sphere about c(x, h) touches it. The sheet is SUCTION or PRESSURE."""
 
-    x_edge: 0 for the leading, 1 for the trailing edge. turn in [0, 1] runs along each touching circle from the contact
-    with the suction side to the contact with the pressure side, around the outside.
+    def contact(x: Array, h: Array) -> tuple[Array, Array]:
+        jet = camber_jet(law, x, h)
+        tangential = _towards_thinner(jet)
+        direction = tangential + sheet * np.sqrt(1.0 - _dot(tangential, tangential))[..., None] * jet.normal
+        return jet.point + jet.radius[..., None] * direction, direction
+
+    return contact
+
+
+def edge_contact(law: BladeLaw, x_edge: float) -> Contact:
+    """A round edge; x_edge is 0 for the leading, 1 for the trailing edge.
+
+    u in [0, 1] turns along each touching circle from the contact with the suction side, around the outside, to the
+    contact with the pressure side.
     """
-    jet = camber_jet(law, np.full_like(h, x_edge), h)
-    length = np.linalg.norm(jet.along_h, axis=-1)
-    tangent = jet.along_h / length[..., None]
-    slope = jet.radius_h / length
-    outward = np.cross(tangent, jet.normal)
-    outward *= np.sign(_dot(outward, jet.along_x) * (x_edge - 0.5))[..., None]
-    circle = np.sqrt(1.0 - slope**2)
-    start = np.arcsin(_dot(_towards_thinner(jet), outward) / circle)
-    angle = start + turn * (np.pi - 2.0 * start)
-    direction = -slope[..., None] * tangent + circle[..., None] * (
-        np.cos(angle)[..., None] * jet.normal + np.sin(angle)[..., None] * outward
-    )
-    return np.asarray(jet.point + jet.radius[..., None] * direction)
+
+    def contact(turn: Array, h: Array) -> tuple[Array, Array]:
+        jet = camber_jet(law, np.full_like(h, x_edge), h)
+        length = np.linalg.norm(jet.along_h, axis=-1)
+        tangent = jet.along_h / length[..., None]
+        slope = jet.radius_h / length
+        outward = np.cross(tangent, jet.normal)
+        outward *= np.sign(_dot(outward, jet.along_x) * (x_edge - 0.5))[..., None]
+        circle = np.sqrt(1.0 - slope**2)
+        start = np.arcsin(_dot(_towards_thinner(jet), outward) / circle)
+        angle = start + turn * (np.pi - 2.0 * start)
+        around = np.cos(angle)[..., None] * jet.normal + np.sin(angle)[..., None] * outward
+        direction = -slope[..., None] * tangent + circle[..., None] * around
+        return jet.point + jet.radius[..., None] * direction, direction
+
+    return contact
+
+
+def height_at_radius(contact: Contact, u: Array, wheel_radius: float, clearance: float = 0.0) -> Array:
+    """The h where a patch, offset outwards by `clearance`, has the distance `wheel_radius` from the Z axis; shape of u.
+
+    By bisection over h in [-0.2, 1.2]: that distance grows with h.
+    """
+    low, high = np.full_like(u, -0.2), np.full_like(u, 1.2)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        point, normal = contact(u, middle)
+        above = np.linalg.norm((point + clearance * normal)[..., :2], axis=-1) > wheel_radius
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return np.asarray(0.5 * (low + high))
+
+
+@dataclass(frozen=True, slots=True)
+class RolledPatch:
+    """A patch of the blade from the fillet's contact line to the tip, and the fillet below it, as exact formulas.
+
+    contact: the patch; hub_radius, tip_radius: wheel radii, mm; fillet: radius of the ball that rolls along hub and blade.
+
+    Source: Rossignac and Requicha, Constant-radius blending in solid modelling, Computers in Mechanical Engineering
+    (1984): the ball's centre runs along the intersection of both offset surfaces.
+    """
+
+    contact: Contact
+    hub_radius: float
+    tip_radius: float
+    fillet: float
+
+    def flank(self, u: Array, v: Array) -> Array:
+        """Points (..., 3); v = 0 on the fillet's contact line, 1 at the tip, proportional to h in between."""
+        low = height_at_radius(self.contact, u, self.hub_radius + self.fillet, self.fillet)
+        high = height_at_radius(self.contact, u, self.tip_radius)
+        return self.contact(u, low + v * (high - low))[0]
+
+    def blend(self, u: Array, v: Array) -> Array:
+        """Points (..., 3) of the fillet; v = 0 on the hub, 1 on the blade."""
+        low = height_at_radius(self.contact, u, self.hub_radius + self.fillet, self.fillet)
+        point, normal = self.contact(u, low)
+        centre = point + self.fillet * normal
+        to_hub = -centre * np.array([1.0, 1.0, 0.0]) / (self.hub_radius + self.fillet)
+        # Both contacts lie on the ball's great circle across its path, so the arc between them is the fillet.
+        angle = np.arccos(np.clip(-_dot(to_hub, normal), -1.0, 1.0))
+        direction = (np.sin((1.0 - v) * angle)[..., None] * to_hub - np.sin(v * angle)[..., None] * normal) / np.sin(
+            angle
+        )[..., None]
+        return np.asarray(centre + self.fillet * direction)
 
 
 def interpolate_bicubic(points: Array, sites_u: Array, sites_v: Array) -> BSplineSurface:
@@ -142,16 +202,10 @@ def interpolate_bicubic(points: Array, sites_u: Array, sites_v: Array) -> BSplin
     return BSplineSurface(3, 3, np.asarray(first.t), np.asarray(second.t), poles)
 
 
-def side_surface(law: BladeLaw, sheet: float, sites_x: Array, sites_h: Array) -> BSplineSurface:
-    """One side as one bicubic face; u = x, v = h."""
-    x, h = np.meshgrid(sites_x, sites_h, indexing="ij")
-    return interpolate_bicubic(side_points(law, sheet, x, h), sites_x, sites_h)
-
-
-def edge_surface(law: BladeLaw, x_edge: float, sites_turn: Array, sites_h: Array) -> BSplineSurface:
-    """A round edge as one bicubic face; u = turn, v = h."""
-    turn, h = np.meshgrid(sites_turn, sites_h, indexing="ij")
-    return interpolate_bicubic(edge_points(law, x_edge, turn, h), sites_turn, sites_h)
+def fit(points: Callable[[Array, Array], Array], sites_u: Array, sites_v: Array) -> BSplineSurface:
+    """The bicubic surface through points(u, v) on a grid of sites."""
+    u, v = np.meshgrid(sites_u, sites_v, indexing="ij")
+    return interpolate_bicubic(points(u, v), sites_u, sites_v)
 
 
 def _greville(knots: Array) -> Array:
@@ -160,7 +214,9 @@ def _greville(knots: Array) -> Array:
     return np.asarray((abscissae - abscissae[0]) / (abscissae[-1] - abscissae[0]))
 
 
-def cap_surface(sides: tuple[BSplineSurface, BSplineSurface], ends: tuple[BSplineSurface, BSplineSurface], row: int) -> BSplineSurface:
+def cap_surface(
+    sides: tuple[BSplineSurface, BSplineSurface], ends: tuple[BSplineSurface, BSplineSurface], row: int
+) -> BSplineSurface:
     """The Coons patch over the four boundary curves at one end of the span (row 0 or -1); it only closes the solid.
 
     sides: suction and pressure side; ends: leading- and trailing-edge faces, running from suction to pressure.
@@ -185,8 +241,6 @@ def chord_surface(sides: tuple[BSplineSurface, BSplineSurface], sites: Array) ->
 
 def evaluate(surface: BSplineSurface, u: Array, v: Array, order_u: int = 0, order_v: int = 0) -> Array:
     """Values or partial derivatives of a polynomial B-spline surface on the grid u x v, shape (len(u), len(v), 3)."""
-    from scipy.interpolate import BSpline
-
     along_u = BSpline(surface.knots_u, surface.poles, surface.degree_u, axis=0)(u, nu=order_u)
     along_v = BSpline(surface.knots_v, np.moveaxis(along_u, 1, 0), surface.degree_v, axis=0)(v, nu=order_v)
     return np.ascontiguousarray(np.moveaxis(along_v, 0, 1))

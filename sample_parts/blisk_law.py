@@ -74,6 +74,4 @@ class BliskLaw:
         """Half thickness of the blade about its camber surface, shape (...)."""
         chord = self.chord[0] + (self.chord[1] - self.chord[0]) * h
         ratio = self.thickness_ratio[0] + (self.thickness_ratio[1] - self.thickness_ratio[0]) * h
-        return np.asarray(
-            0.5 * chord * ratio * (self.edge_ratio + (1.0 - self.edge_ratio) * 4.0 * x * (1.0 - x))
-        )
+        return np.asarray(0.5 * chord * ratio * (self.edge_ratio + (1.0 - self.edge_ratio) * 4.0 * x * (1.0 - x)))

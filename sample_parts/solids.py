@@ -1,4 +1,4 @@
-"""Solids with named faces through Open CASCADE: Booleans and rolling-ball fillets that keep track of the names."""
+"""Solids with named faces through Open CASCADE: sewing and Booleans that keep track of the names."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from math import pi
 
 import numpy as np
 import numpy.typing as npt
+from OCP.BRep import BRep_Builder
 from OCP.BRepAlgoAPI import BRepAlgoAPI_BooleanOperation, BRepAlgoAPI_Common, BRepAlgoAPI_Fuse
 from OCP.BRepBuilderAPI import (
+    BRepBuilderAPI_MakeEdge,
     BRepBuilderAPI_MakeFace,
     BRepBuilderAPI_MakePolygon,
     BRepBuilderAPI_MakeSolid,
@@ -18,7 +20,6 @@ from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_Transform,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
-from OCP.BRepFilletAPI import BRepFilletAPI_MakeFillet
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepLib import BRepLib
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
@@ -28,12 +29,14 @@ from OCP.collections import (
     Array2_gp_Pnt,
     List_TopoDS_Shape,
 )
-from OCP.Geom import Geom_BSplineSurface
+from OCP.BRepTools import BRepTools
+from OCP.Geom import Geom_BSplineSurface, Geom_Surface
 from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
+from OCP.ShapeFix import ShapeFix_Edge, ShapeFix_Face
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
 from OCP.TopExp import TopExp_Explorer
-from OCP.TopoDS import TopoDS, TopoDS_Face, TopoDS_Shape
+from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Wire
 
 from conflank_cli.geometry.surface import BSplineSurface
 
@@ -109,9 +112,42 @@ def _oriented_solid(shell: TopoDS_Shape) -> TopoDS_Shape:
     return solid
 
 
-def closed_solid(surfaces: Sequence[tuple[str, BSplineSurface]]) -> NamedSolid:
-    """The solid enclosed by whole B-spline surfaces that share their boundary curves."""
-    faces = [(name, BRepBuilderAPI_MakeFace(to_occ(surface), FACE_TOLERANCE).Face()) for name, surface in surfaces]
+def whole_face(surface: BSplineSurface) -> TopoDS_Face:
+    """The face with a surface's natural boundary."""
+    return BRepBuilderAPI_MakeFace(to_occ(surface), FACE_TOLERANCE).Face()
+
+
+def border_loop(surfaces: Sequence[BSplineSurface], end: bool) -> TopoDS_Wire:
+    """The closed wire of the curves at the first (or, with `end`, the last) v of surfaces in a ring."""
+    edges = List_TopoDS_Shape()
+    for surface in surfaces:
+        edges.Append(BRepBuilderAPI_MakeEdge(to_occ(surface).VIso(surface.domain[3 if end else 2])).Edge())
+    wire = BRepBuilderAPI_MakeWire()
+    wire.Add(edges)
+    return wire.Wire()
+
+
+def trimmed_face(carrier: Geom_Surface, loops: Sequence[TopoDS_Wire]) -> TopoDS_Face:
+    """The face cut out of a surface by closed wires that lie on it, outer loop and holes in any order or direction."""
+    builder = BRepBuilderAPI_MakeFace(carrier, FACE_TOLERANCE)
+    face = TopoDS.Face(builder.Face().EmptyCopied())
+    for loop in loops:
+        for edge in _explore(loop, TopAbs_EDGE):
+            ShapeFix_Edge().FixAddPCurve(TopoDS.Edge(edge), face, False)
+        BRep_Builder().Add(face, loop)
+    fix = ShapeFix_Face(face)
+    fix.FixOrientation()
+    BRepLib.SameParameter_s(fix.Face(), FACE_TOLERANCE, True)
+    return fix.Face()
+
+
+def outer_loop(face: TopoDS_Face) -> TopoDS_Wire:
+    """The wire around a face."""
+    return BRepTools.OuterWire_s(face)
+
+
+def sewn_solid(faces: Sequence[tuple[str, TopoDS_Face]]) -> NamedSolid:
+    """The solid enclosed by faces that share their boundary curves."""
     sewing = BRepBuilderAPI_Sewing(SEWING_TOLERANCE)
     for _, face in faces:
         sewing.Add(face)
@@ -119,36 +155,53 @@ def closed_solid(surfaces: Sequence[tuple[str, BSplineSurface]]) -> NamedSolid:
     return _label(_oriented_solid(sewing.SewedShape()), [(name, sewing.Modified(face)) for name, face in faces])
 
 
+def plane_face(corners: Sequence[tuple[float, float]], angle: float) -> TopoDS_Face:
+    """The polygon through points (radius, z), in the half plane at `angle` radians about Z."""
+    polygon = BRepBuilderAPI_MakePolygon()
+    for radius, z in corners:
+        polygon.Add(gp_Pnt(radius, 0.0, z))
+    polygon.Close()
+    return TopoDS.Face(rotated_shape(BRepBuilderAPI_MakeFace(polygon.Wire(), True).Face(), angle))
+
+
 def revolved_solid(
-    profile: Sequence[tuple[str, object]], start_angle: float = 0.0, sweep: float = 2.0 * pi, end_names: str = ""
+    profile: Sequence[tuple[str, TopoDS_Edge]], start_angle: float = 0.0, sweep: float = 2.0 * pi
 ) -> NamedSolid:
     """The solid of revolution about Z of a closed profile of named edges in the half plane y = 0, x > 0.
 
-    profile: (name of the face it sweeps, TopoDS_Edge) in order around the profile; start_angle, sweep in radians.
-    end_names: name of the two plane faces at either end of a sector, with _low and _high appended.
+    profile: (name of the face it sweeps, edge) in order around the profile; start_angle, sweep in radians.
     """
     wire = BRepBuilderAPI_MakeWire()
-    turned = gp_Trsf()
-    turned.SetRotation(WHEEL_AXIS, start_angle)
     edges = []
     for name, edge in profile:
-        wire.Add(TopoDS.Edge(BRepBuilderAPI_Transform(edge, turned, True).Shape()))
+        wire.Add(TopoDS.Edge(rotated_shape(edge, start_angle)))
         edges.append((name, wire.Edge()))
     plane = BRepBuilderAPI_MakeFace(wire.Wire(), True).Face()
-    maker = BRepPrimAPI_MakeRevol(plane, WHEEL_AXIS, sweep) if sweep < 2.0 * pi else BRepPrimAPI_MakeRevol(plane, WHEEL_AXIS)
+    maker = (
+        BRepPrimAPI_MakeRevol(plane, WHEEL_AXIS, sweep)
+        if sweep < 2.0 * pi
+        else BRepPrimAPI_MakeRevol(plane, WHEEL_AXIS)
+    )
     shape = maker.Shape()
     known = [(name, face) for name, edge in edges for face in maker.Generated(edge)]
-    if end_names and sweep < 2.0 * pi:
-        known += [(f"{end_names}_low", maker.FirstShape()), (f"{end_names}_high", maker.LastShape())]
     BRepLib.OrientClosedSolid_s(TopoDS.Solid(shape))
     return _label(shape, known)
 
 
+def _turned(shape: TopoDS_Shape, angle: float) -> BRepBuilderAPI_Transform:
+    turn = gp_Trsf()
+    turn.SetRotation(WHEEL_AXIS, angle)
+    return BRepBuilderAPI_Transform(shape, turn, True)
+
+
+def rotated_shape(shape: TopoDS_Shape, angle: float) -> TopoDS_Shape:
+    """A copy of a shape turned about Z by `angle` radians, its geometry turned with it."""
+    return _turned(shape, angle).Shape()
+
+
 def rotated(part: NamedSolid, angle: float, suffix: str) -> NamedSolid:
     """A copy turned about Z by `angle` radians, its names with a suffix."""
-    turned = gp_Trsf()
-    turned.SetRotation(WHEEL_AXIS, angle)
-    copy = BRepBuilderAPI_Transform(part.shape, turned, True)
+    copy = _turned(part.shape, angle)
     known = [(name + suffix, copy.ModifiedShape(face)) for name, face in part.named() if name]
     return _label(copy.Shape(), known)
 
@@ -195,26 +248,6 @@ def fuse(body: NamedSolid, tools: Sequence[NamedSolid]) -> NamedSolid:
     return _boolean(BRepAlgoAPI_Fuse, body, tools)
 
 
-def rolling_ball_fillet(part: NamedSolid, radius: float, along: Sequence[tuple[str, str]]) -> NamedSolid:
-    """Fillet every edge between two named faces, given as (blade face, hub face); the fillet is named fillet_<blade face>."""
-    maker = BRepFilletAPI_MakeFillet(part.shape)
-    edges = []
-    for first, second in along:
-        borders = _explore(part.face(first), TopAbs_EDGE)
-        for edge in _explore(part.face(second), TopAbs_EDGE):
-            if any(edge.IsSame(border) for border in borders):
-                maker.Add(radius, TopoDS.Edge(edge))
-                edges.append((f"fillet_{first}", edge))
-    maker.Build()
-    if not maker.IsDone():
-        raise RuntimeError("The rolling-ball fillet failed; check its radius against the neighbouring faces.")
-    known = [(name, image) for name, edge in edges for image in maker.Generated(edge)]
-    for name, face in part.named():
-        if name and not maker.IsDeleted(face):
-            known += [(name, image) for image in list(maker.Modified(face)) or [face]]
-    return _label(_single_solid(maker.Shape(), "The fillet"), known)
-
-
 def is_valid(shape: TopoDS_Shape) -> bool:
     """Whether Open CASCADE's checks of geometry and topology find no fault."""
     return bool(BRepCheck_Analyzer(shape).IsValid())
@@ -234,6 +267,6 @@ def area(face: TopoDS_Shape) -> float:
     return float(properties.Mass())
 
 
-def polyline_edge(first: tuple[float, float], last: tuple[float, float]) -> object:
+def straight_edge(first: tuple[float, float], last: tuple[float, float]) -> TopoDS_Edge:
     """A straight edge between two points (radius, z) of the half plane y = 0."""
     return BRepBuilderAPI_MakePolygon(gp_Pnt(first[0], 0.0, first[1]), gp_Pnt(last[0], 0.0, last[1])).Edge()
