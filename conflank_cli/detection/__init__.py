@@ -1,0 +1,93 @@
+"""Detection: from a face and a tool to ordered sequences of lines, without a proposal by the user."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from conflank_cli.detection.clustering import represent
+from conflank_cli.detection.line_field import seed_lines
+from conflank_cli.detection.ruled_fit import fit_motion
+from conflank_cli.detection.tracing import sphere_heights, trace
+from conflank_cli.errors import NumericalError
+from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.progress import Progress
+from conflank_cli.scene import Scene
+from conflank_cli.sweep import Sweep
+
+
+@dataclass(frozen=True, slots=True)
+class Density:
+    """How densely a face is searched.
+
+    contacts: contact points on a face, about. heights: places on the flute, as fractions of it. alike: overlap above which
+    two sequences are one family. families: the most that are kept.
+    """
+
+    contacts: int
+    heights: tuple[float, ...]
+    alike: float
+    families: int
+
+
+DENSITIES = {
+    "quick": Density(50, (0.5,), 0.6, 40),
+    "normal": Density(140, (0.15, 0.5, 0.85), 0.75, 100),
+    "exhaustive": Density(600, (0.05, 0.25, 0.5, 0.75, 0.95), 0.85, 400),
+}
+
+# How far the surface is continued past the face, as a share of the flute: a cutter rarely overhangs by more.
+MARGIN = 0.7
+# Sequences that cover less than this share of the face are not worth a sweep.
+SMALLEST = 0.004
+# Samples that give the raster cells their areas, about, along each side of a face.
+AREA_SAMPLES = 200
+
+
+def detect(scene: Scene, progress: Progress) -> list[Sweep]:
+    """Find candidate sweeps for every face and tool of the scene.
+
+    Raises
+    ------
+    NumericalError: not a single line fits on any face with any tool.
+    """
+    density = DENSITIES[scene.job.detection.density]
+    tolerance = scene.job.tolerance
+    sweeps: list[Sweep] = []
+    with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
+        for index, design in enumerate(scene.faces):
+            for tool in scene.tools:
+                face = WorkFace.of(design, MARGIN * tool.length)
+                dense = face.samples(_spacing(face, AREA_SAMPLES**2))
+                area = float(dense.areas.sum())
+                contacts = face.samples(_spacing(face, density.contacts)).uv
+                heights = sphere_heights(tool)
+                places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
+                seeds = seed_lines(face, tool, contacts, places, tolerance.allowance)
+                traced = trace(
+                    face, tool, seeds, dense, tolerance.overcut, tolerance.undercut, tolerance.allowance
+                )
+                for family in represent(traced, density.alike, SMALLEST * area)[: density.families]:
+                    sequence = traced.sequences[family]
+                    facts = {
+                        "lines": float(len(sequence.p)),
+                        "area_mm2": float(traced.cell_areas[traced.cells[family]].sum()),
+                        "axis_error_mean_um": 1e3 * float(np.abs(sequence.error[sequence.on > 0.5]).mean()),
+                    }
+                    sweeps.append(Sweep(index, tool.name, fit_motion(sequence.p, sequence.d, tool.length), facts))
+                stage.advance()
+    if not sweeps:
+        raise NumericalError(
+            f"{scene.part_name}: faces {', '.join(str(face.number) for face in scene.faces)}",
+            f"no line of {', '.join(tool.name for tool in scene.tools)} that touches a face within tolerance",
+            "at least one sequence of lines",
+            "Use a smaller tool, a wider tolerance, or check the side the cutter works on.",
+        )
+    return sweeps
+
+
+def _spacing(face: WorkFace, count: int) -> float:
+    """Spacing in mm at which about `count` samples cover the face."""
+    coarse = face.samples(8.0)
+    return float(np.sqrt(coarse.areas.sum() / count))

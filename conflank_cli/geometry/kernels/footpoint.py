@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+# Fused multiply-add is worth a quarter of the time and only drops roundings.
+FAST = {"contract"}
 # Newton's last step is quadratic: once a step is this small (in units of the span), the second-order Taylor expansion
 # about the point where it was computed is exact to rounding, and no further evaluation is needed.
 LAST_STEP = 3.0e-6
@@ -69,6 +71,32 @@ def _component(c, a, b):
 
 
 @njit(inline="always")
+def _bicubic(c, a, b):
+    """The same for a bicubic block, written out: half as long again in points a second as the loops."""
+    t = 3.0 * b
+    g3 = ((c[3, 3] * b + c[3, 2]) * b + c[3, 1]) * b + c[3, 0]
+    g2 = ((c[2, 3] * b + c[2, 2]) * b + c[2, 1]) * b + c[2, 0]
+    g1 = ((c[1, 3] * b + c[1, 2]) * b + c[1, 1]) * b + c[1, 0]
+    g0 = ((c[0, 3] * b + c[0, 2]) * b + c[0, 1]) * b + c[0, 0]
+    h3 = (c[3, 3] * t + 2.0 * c[3, 2]) * b + c[3, 1]
+    h2 = (c[2, 3] * t + 2.0 * c[2, 2]) * b + c[2, 1]
+    h1 = (c[1, 3] * t + 2.0 * c[1, 2]) * b + c[1, 1]
+    h0 = (c[0, 3] * t + 2.0 * c[0, 2]) * b + c[0, 1]
+    k3 = c[3, 3] * t + c[3, 2]
+    k2 = c[2, 3] * t + c[2, 2]
+    k1 = c[1, 3] * t + c[1, 2]
+    k0 = c[0, 3] * t + c[0, 2]
+    t = 3.0 * a
+    f = ((g3 * a + g2) * a + g1) * a + g0
+    fa = (g3 * t + 2.0 * g2) * a + g1
+    faa = g3 * t + g2
+    fb = ((h3 * a + h2) * a + h1) * a + h0
+    fab = (h3 * t + 2.0 * h2) * a + h1
+    fbb = ((k3 * a + k2) * a + k1) * a + k0
+    return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
+
+
+@njit(inline="always")
 def _rational(f, w):
     """Quotient rule: derivatives of f / w from those of the homogeneous coordinates."""
     r = 1.0 / w[0]
@@ -84,6 +112,8 @@ def _rational(f, w):
 @njit(inline="always")
 def local_frame(block, a, b):
     """S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
+    if block.shape[0] == 3 and block.shape[1] == 4 and block.shape[2] == 4:
+        return _bicubic(block[0], a, b), _bicubic(block[1], a, b), _bicubic(block[2], a, b)
     x = _component(block[0], a, b)
     y = _component(block[1], a, b)
     z = _component(block[2], a, b)
@@ -95,7 +125,7 @@ def local_frame(block, a, b):
     return x, y, z
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True)
 def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
     """Fill out (N, 6, 3) with S, Su, Sv, Suu, Suv, Svv at the parameters u, v (N,)."""
     for k in range(u.shape[0]):
@@ -121,7 +151,7 @@ def _line_step(gradient, second, metric):
     return 0.0, LAST_STEP
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True)
 def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
     """Step with the eigenvalues of the Hessian, relative to the metric, replaced by their moduli."""
     if not e * g - f * f > PARALLEL * e * g:
@@ -151,7 +181,7 @@ def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
     return (x - l21 * db) / l11, db
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True)
 def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     """Footpoint of (px, py, pz) from the start (u, v).
 
@@ -300,7 +330,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     return u, v, fx, fy, fz, nx, ny, nz, distance, flag
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True)
 def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
     """Project points (N, 3), warm started from u, v (N,), which are overwritten; fills foot, normal, distance, flag."""
     for k in range(points.shape[0]):
@@ -317,7 +347,7 @@ def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal
         flag[k] = r[9]
 
 
-@njit(error_model="numpy", cache=True, parallel=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True, parallel=True)
 def footpoints_parallel(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
     """The same on all cores."""
     for k in prange(points.shape[0]):

@@ -37,9 +37,8 @@ def profile(body, rho, h):
         )
         across = (rho - r_min) * c - (h - h_min) * s
         along = (rho - r_min) * s + (h - h_min) * c
-        if h > h_top:
-            if rho <= r_max:
-                return h - h_top, 0.0, 1.0
+        if h > h_top and rho <= r_max:
+            return h - h_top, 0.0, 1.0
         if along * c <= h_top - h_min:
             if along < 0.0:
                 # Below the circle where ball and cone touch, the nearest boundary is the ball's.

@@ -1,0 +1,45 @@
+"""The swept gap of a motion on points of a face, for the stages that make paths (verification has its own)."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+
+from conflank_cli.geometry.kernels.swept_gap import swept_gap
+from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.tool import Tool
+
+Array = npt.NDArray[np.float64]
+
+# The first look steps along the sweep by this much, mm: well below the radius of any cutter.
+STEP = 0.5
+# Distances beyond this are reported as the first look found them, mm.
+REACH = 0.25
+
+
+def motion_gap(motion: Motion, tool: Tool, points: Array, reach: float = REACH) -> tuple[Array, Array]:
+    """Swept gap g (N,) in mm of points (N, 3), and the time t (N,) of the pose that gives it.
+
+    Gaps above `reach` are only bounded from above, by the sampled poses.
+    """
+    breaks = np.unique(motion.knots)
+    spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
+    width = breaks[1] - breaks[0]
+    polynomials = np.stack(
+        [spline(breaks[:-1], nu=order) * width**order / (1, 1, 2, 6)[order] for order in range(4)], axis=1
+    )
+    samples = max(int(np.ceil(travel(motion) / STEP)), 8)
+    alpha = tool.half_angle
+    cutter = np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
+    gap, time = np.empty(len(points)), np.empty(len(points))
+    swept_gap(polynomials, breaks, samples, np.ascontiguousarray(points), reach, cutter, gap, time)
+    return gap, time
+
+
+def travel(motion: Motion) -> float:
+    """Length of the longer of the two paths of the axis ends, mm."""
+    p, q = motion.ends(np.linspace(0.0, 1.0, 65))
+    return float(max(np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (p, q)))
