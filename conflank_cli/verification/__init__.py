@@ -1,0 +1,1 @@
+"""Judges programs from their text alone; shares nothing with the stages and posts that made them."""

@@ -1,0 +1,409 @@
+"""A program as the verification sees it: what it states about itself, and the poses it moves through.
+
+Nothing here belongs to one dialect. A reader turns text into calls of `Recorder`, which keeps the modal state of the
+control and knows which poses follow from the text and which do not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.verification.findings import Finding
+from conflank_cli.verification.kinematics import CAD_FRAME, Frame, axis_of
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+RETRACT_CHECKED = 200.0
+"""A retract to the machine's limit has no length in the text; this much of it is checked, mm."""
+
+_VECTOR_TOLERANCE = 1e-3
+"""A tool vector whose length is off by more than this is a mistake, not rounding (the control reads 1.8 digits)."""
+
+
+class Interpolation(IntEnum):
+    """How a control is asked to move the axis between two blocks; the tip moves straight in either."""
+
+    VECTOR = 0
+    AXIS = 1
+
+
+@dataclass(frozen=True, slots=True)
+class StatedTool:
+    """A cutter as the program's header states it, mm."""
+
+    number: int
+    name: str
+    r_min: float
+    r_max: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What the comments of a program state, one fact a line; None or empty where they are silent."""
+
+    part: str | None = None
+    faces: tuple[int, ...] = ()
+    tools: tuple[StatedTool, ...] = ()
+    reference: str | None = None
+    machine: str | None = None
+    style: str | None = None
+    frame: Frame | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CutLabel:
+    """A sweep or pass as the program labels it."""
+
+    kind: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """Poses in program order; N of them.
+
+    Attributes
+    ----------
+    point: programmed point, (N, 3) mm, in the program's frame.
+    rotary: positions of the two rotary axes, (N, 2) radians, unwrapped; NaN where the axis is given as a vector.
+    vector: axis vector, (N, 3), unit; NaN where it is given by rotary axes.
+    feed: feed into the pose, (N,) mm/min; NaN where unknown or rapid.
+    rapid: (N,) whether the pose is reached at rapid.
+    block: (N,) block number.
+    cut: (N,) index into the program's cuts, -1 outside.
+    tool: (N,) index into the program's tool calls, -1 before the first.
+    joined: (N,) whether the move into the pose starts at the pose before; otherwise the way there is not known.
+    interpolation: (N,) the `Interpolation` that is active.
+    """
+
+    point: Array
+    rotary: Array
+    vector: Array
+    feed: Array
+    rapid: Flags
+    block: Integers
+    cut: Integers
+    tool: Integers
+    joined: Flags
+    interpolation: Integers
+
+
+@dataclass(frozen=True, slots=True)
+class ToolCall:
+    """A tool that the program calls, by number or name."""
+
+    number: int | None
+    name: str | None
+    block: int
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program that has been read.
+
+    Attributes
+    ----------
+    name: name it gives itself, or "".
+    header: what its comments state.
+    moves: the poses that follow from the text.
+    cuts: the labels `moves.cut` points to.
+    tool_calls: the tools `moves.tool` points to.
+    letters: the rotary axes in use, e.g. "AC"; "" where it names none.
+    tolerance: last T (mm) and TA (degrees, None where not given) of the control's tolerance cycle, or None.
+    unknown_moves: moves after a retract whose poses the text does not tell.
+    findings: what is wrong or unknown.
+    """
+
+    name: str
+    header: Header
+    moves: Moves
+    cuts: tuple[CutLabel, ...]
+    tool_calls: tuple[ToolCall, ...]
+    letters: str
+    tolerance: tuple[float, float | None] | None
+    unknown_moves: int
+    findings: tuple[Finding, ...]
+
+
+_NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
+
+
+def number(text: str) -> float:
+    """A number with decimal point or comma."""
+    return float(text.replace(",", "."))
+
+
+@dataclass(slots=True)
+class HeaderReader:
+    """Collects the header's facts from comments, whatever the dialect wraps them in."""
+
+    part: str | None = None
+    faces: tuple[int, ...] = ()
+    tools: list[StatedTool] = field(default_factory=list)
+    reference: str | None = None
+    machine: str | None = None
+    style: str | None = None
+    frame: Frame | None = None
+
+    def read(self, comment: str) -> CutLabel | None:
+        """Take in one comment; returns the label if it opens a sweep or pass."""
+        text = comment.strip()
+        if found := re.fullmatch(r"(SWEEP|PASS)\s+(\d+)\b.*", text):
+            return CutLabel(found[1].lower(), int(found[2]))
+        if found := re.fullmatch(r"PART\s+(.*?)\s+FACE\s+([\d\s,]+)", text):
+            self.part, self.faces = found[1], tuple(int(item) for item in re.findall(r"\d+", found[2]))
+        elif found := re.fullmatch(
+            rf"TOOL\s+(\d+)\s+(.*?)\s*R_MIN\s+({_NUMBER})\s+R_MAX\s+({_NUMBER})\s+LENGTH\s+({_NUMBER})\b.*", text
+        ):
+            self.tools.append(StatedTool(int(found[1]), found[2], *(number(found[k]) for k in (3, 4, 5))))
+        elif found := re.fullmatch(r"REFERENCE\s+(TIP|SPHERE CENTRE)", text):
+            self.reference = found[1]
+        elif found := re.fullmatch(r"MACHINE\s+(\S.*)", text):
+            self.machine = found[1]
+        elif found := re.fullmatch(r"STYLE\s+(\S.*)", text):
+            self.style = found[1]
+        elif re.fullmatch(r"FRAME\s+CAD", text):
+            self.frame = CAD_FRAME
+        elif found := re.fullmatch(rf"FRAME\s+ROTATE((?:\s+{_NUMBER}){{3}})\s+TRANSLATE((?:\s+{_NUMBER}){{3}})", text):
+            turn, shift = ([number(item) for item in found[k].split()] for k in (1, 2))
+            self.frame = Frame((turn[0], turn[1], turn[2]), (shift[0], shift[1], shift[2]))
+        return None
+
+    def header(self) -> Header:
+        """The facts so far."""
+        return Header(self.part, self.faces, tuple(self.tools), self.reference, self.machine, self.style, self.frame)
+
+
+def tilt_axes(letters: set[str]) -> str | None:
+    """The pair of rotary axes that moves, named from the letters a program uses; None where the pair is not known.
+
+    A single letter belongs to the table pair it is usual in: A or C to A/C, B to B/C.
+    """
+    if letters <= {"A", "C"}:
+        return "AC" if letters else ""
+    if letters <= {"B", "C"}:
+        return "BC"
+    if letters <= {"A", "B"}:
+        return "AB"
+    return None
+
+
+class Recorder:
+    """Modal state of a control, and the poses that follow from it.
+
+    A pose follows from the text where X, Y, Z and the orientation have all been programmed while tool centre point
+    control is active, or where it is not but all rotary axes stand at zero, so that both are the same. In a program
+    without any rotary word or vector they are taken to stand at zero.
+    """
+
+    def __init__(self, used: set[str], vectors: bool) -> None:
+        """Begin; `used`: rotary letters that occur anywhere in the program, `vectors`: whether axis vectors do."""
+        self.letters = tilt_axes(used)
+        self.findings: dict[tuple[str, str], Finding] = {}
+        self.unknown_moves = 0
+        self.cuts: list[CutLabel] = []
+        self.tool_calls: list[ToolCall] = []
+        self.tolerance: tuple[float, float | None] | None = None
+        self.shortest_way = False
+        self.foreign_frame = ""
+        self.spatial = False
+        self.feed = float("nan")
+        self._tcpm = False
+        self._interpolation = Interpolation.AXIS
+        self._cut = -1
+        self._linear: dict[str, float | None] = {"X": None, "Y": None, "Z": None}
+        # An axis that the program never names may not exist; it is taken to stand at zero.
+        self._rotary: dict[str, float | None] = {
+            letter: None if letter in used or vectors else 0.0 for letter in self.letters or ""
+        }
+        self._vector: Array | None = None if used or vectors else np.array([0.0, 0.0, 1.0])
+        self._physical: tuple[Array, Array, Array] | None = None
+        self._retracted = False
+        self._rows: list[tuple[Array, Array, Array, float, bool, int, int, int, bool, int]] = []
+
+    def find(self, code: str, text: str, block: int, key: str | None = None) -> None:
+        """Note a finding; the same thing again only counts."""
+        again = self.findings.get((code, key or text))
+        if again is None:
+            self.findings[code, key or text] = Finding(code, text, block)
+        else:
+            self.findings[code, key or text] = Finding(code, again.text, again.block, count=again.count + 1)
+
+    def label(self, label: CutLabel) -> None:
+        """Open a sweep or pass."""
+        self.cuts.append(label)
+        self._cut = len(self.cuts) - 1
+
+    def call_tool(self, number: int | None, name: str | None, block: int) -> None:
+        """Change the tool; where the new one stands is not known."""
+        if self._tcpm:
+            self.find("CF113", "tool called while tool centre point control is active", block)
+        self.tool_calls.append(ToolCall(number, name, block))
+        self._cut = -1
+        self._physical = None
+        self._retracted = True
+
+    def control(self, active: bool, interpolation: Interpolation = Interpolation.AXIS) -> None:
+        """Switch tool centre point control. Coordinates carry over only where all rotary axes stand at zero."""
+        if active != self._tcpm and not self._upright():
+            self._linear = {"X": None, "Y": None, "Z": None}
+        self._tcpm = active
+        self._interpolation = interpolation
+        if not active and self._vector is not None and not self._rotary:
+            upright = bool(self._vector[2] == 1.0)
+            self._vector = self._vector if upright else None
+
+    @property
+    def controlled(self) -> bool:
+        """Whether tool centre point control is active."""
+        return self._tcpm
+
+    def _upright(self) -> bool:
+        if self._vector is not None:
+            return bool(self._vector[2] == 1.0)
+        return bool(self._rotary) and all(value == 0.0 for value in self._rotary.values())
+
+    def to_limit(self, block: int) -> None:
+        """Retract along the tool axis to the limit of the machine."""
+        if self._physical is not None:
+            self._append_along(RETRACT_CHECKED, block, True)
+        self._lose()
+        self._retracted = True
+
+    def retract(self, length: float, rapid: bool, block: int) -> None:
+        """Retract along the tool axis by a length in mm."""
+        if self._physical is None:
+            self._unknown("retract from a pose that is not known", block)
+            return
+        self._append_along(length, block, rapid)
+        point = self._rows[-1][0]
+        if self._tcpm or self._upright():
+            self._linear = {letter: float(point[k]) for k, letter in enumerate("XYZ")}
+        else:
+            self._linear = {"X": None, "Y": None, "Z": None}
+
+    def _append_along(self, length: float, block: int, rapid: bool) -> None:
+        assert self._physical is not None
+        point, rotary, vector = self._physical
+        axis = vector if np.isfinite(vector).all() else axis_of(self.letters or "", rotary[None])[0]
+        self._append(point + length * axis, rotary, vector, rapid, block)
+
+    def machine_move(self, words: Mapping[str, float | None], block: int) -> None:
+        """A block in machine coordinates: where it leads is not known in the part's."""
+        self.unknown_moves += 1
+        self._lose()
+        for letter in words:
+            if letter in self._rotary:
+                self._rotary[letter] = None
+        if "Z" in words:
+            self._retracted = True
+        elif not self._retracted:
+            self._unknown("move in machine coordinates without a retract before it", block)
+
+    def _lose(self) -> None:
+        self._linear = {"X": None, "Y": None, "Z": None}
+        self._physical = None
+
+    def _unknown(self, text: str, block: int) -> None:
+        self._physical = None
+        self.unknown_moves += 1
+        if not self._retracted:
+            self.find("CF105", text, block)
+
+    def move(
+        self,
+        words: Mapping[str, float | None],
+        vector: Array | None,
+        rapid: bool,
+        block: int,
+    ) -> None:
+        """A straight move. Words by letter in mm or radians, with a leading I for increments; None: value unknown."""
+        for word, value in words.items():
+            letter = word[-1]
+            store = self._linear if letter in self._linear else self._rotary
+            if letter not in store:
+                continue
+            before = store[letter]
+            if value is None:
+                store[letter] = None
+            elif word[0] == "I":
+                if before is None:
+                    self.find("CF105", f"increment {word} from a position that is not known", block)
+                store[letter] = None if before is None else before + value
+            elif letter in self._rotary and self.shortest_way and before is not None:
+                turn = (value - before + np.pi) % (2.0 * np.pi) - np.pi
+                store[letter] = before + (np.pi if turn == -np.pi and value > before else turn)
+            else:
+                store[letter] = value
+        if any(word[-1] in self._rotary for word in words):
+            self._vector = None
+        if vector is not None:
+            length = float(np.linalg.norm(vector))
+            if abs(length - 1.0) > _VECTOR_TOLERANCE:
+                self.find("CF109", f"tool vector of length {length:.4f}", block, "tool vector")
+            if not self._tcpm:
+                self.find("CF113", "tool vector without M128 or FUNCTION TCPM", block)
+            self._vector = vector / length if length > 0.0 else None
+            self._rotary = dict.fromkeys(self._rotary)
+        point = [self._linear[letter] for letter in "XYZ"]
+        angles = [self._rotary[letter] for letter in self._rotary]
+        orientation_known = self._vector is not None or (bool(angles) and all(angle is not None for angle in angles))
+        if self.letters is None or self.foreign_frame:
+            self._physical = None
+            self.unknown_moves += 1
+            if self.foreign_frame:
+                self.find("CF105", f"move under {self.foreign_frame}, which is not followed", block)
+            return
+        if self.spatial and self._vector is None and not self._upright():
+            self._physical = None
+            self.find("CF108", "rotary words under AXIS SPAT are spatial angles, which are not followed", block)
+            return
+        if any(value is None for value in point) or not orientation_known or not (self._tcpm or self._upright()):
+            self._unknown("the pose does not follow from the text (no tool centre point control, or no retract)", block)
+            return
+        unset = np.full(3, np.nan)
+        rotary, axis = np.full(2, np.nan), unset
+        if self._vector is not None:
+            axis = self._vector
+        else:
+            rotary = np.array([self._rotary[letter] for letter in self.letters], dtype=np.float64)
+        if self._physical is None and not self._retracted:
+            self.find("CF105", "the way to the first pose is not known, and no retract comes before it", block)
+        self._append(np.array(point, dtype=np.float64), rotary, axis, rapid, block)
+
+    def _append(self, point: Array, rotary: Array, axis: Array, rapid: bool, block: int) -> None:
+        joined = self._physical is not None
+        feed = float("nan") if rapid else self.feed
+        if not rapid and joined and np.isnan(feed):
+            self.find("CF112", "cutting move without a feed", block)
+        tool = len(self.tool_calls) - 1
+        mode = int(self._interpolation)
+        self._rows.append((point, rotary, axis, feed, rapid, block, self._cut, tool, joined, mode))
+        self._physical = (point, rotary, axis)
+        self._retracted = False
+
+    def moves(self) -> Moves:
+        """The poses so far."""
+        rows = self._rows
+        count = len(rows)
+        return Moves(
+            point=np.array([row[0] for row in rows], dtype=np.float64).reshape(count, 3),
+            rotary=np.array([row[1] for row in rows], dtype=np.float64).reshape(count, 2),
+            vector=np.array([row[2] for row in rows], dtype=np.float64).reshape(count, 3),
+            feed=np.array([row[3] for row in rows], dtype=np.float64),
+            rapid=np.array([row[4] for row in rows], dtype=np.bool_),
+            block=np.array([row[5] for row in rows], dtype=np.int64),
+            cut=np.array([row[6] for row in rows], dtype=np.int64),
+            tool=np.array([row[7] for row in rows], dtype=np.int64),
+            joined=np.array([row[8] for row in rows], dtype=np.bool_),
+            interpolation=np.array([row[9] for row in rows], dtype=np.int64),
+        )

@@ -1,0 +1,256 @@
+"""Points to judge a part at: on the trimmed design faces, and on the mesh of everything around them.
+
+Surfaces are evaluated with SciPy's B-splines, independently of the project's own kernels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline, NdBSpline
+
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.geometry.surface import BSplineSurface
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+POINTS_PER_FACE = 30_000
+"""Points of the grid on a face: about 0.3 mm apart on a blade of 50 x 50 mm."""
+
+BORDER_SPACING = 0.5
+"""Spacing of the points on a face's border, mm."""
+
+MESH_SPACING = 1.0
+"""Longest distance between points on a triangle of the check mesh, mm."""
+
+_COARSE = 48
+"""Cells a side of the coarse grid that tells how the parameters run over a face."""
+
+_WELD = 1e-6
+"""Vertices of a mesh nearer than this are one, mm."""
+
+_SMOOTH_EDGE = 0.7
+"""Triangles of a face that meet at a smaller cosine (at more than 45 deg) meet at an edge, not along a curved face."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceSample:
+    """Points on one trimmed face: P on the grid, then those of its border, N together.
+
+    Attributes
+    ----------
+    points: (N, 3) mm, CAD frame.
+    normals: (N, 3) unit normals out of the metal.
+    area: (N,) area each stands for, mm2; 0 on the border.
+    neighbours: pairs of grid points next to each other, (Q, 2).
+    """
+
+    points: Array
+    normals: Array
+    area: Array
+    neighbours: Integers
+
+
+def _homogeneous(surface: BSplineSurface) -> Array:
+    if surface.weights is None:
+        return surface.poles
+    return np.concatenate([surface.poles * surface.weights[..., None], surface.weights[..., None]], axis=2)
+
+
+def _cartesian(value: Array, by_u: Array, by_v: Array) -> tuple[Array, Array, Array]:
+    """Quotient rule where there is a fourth, homogeneous coordinate."""
+    if value.shape[-1] == 3:
+        return value, by_u, by_v
+    weight = value[..., 3:]
+    point = value[..., :3] / weight
+    return (
+        point,
+        (by_u[..., :3] - point * by_u[..., 3:]) / weight,
+        (by_v[..., :3] - point * by_v[..., 3:]) / weight,
+    )
+
+
+def evaluate_grid(surface: BSplineSurface, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """S, S_u and S_v on the grid u x v, each (len(u), len(v), 3)."""
+    spline = BSpline(surface.knots_u, _homogeneous(surface), surface.degree_u)
+
+    def at(order_u: int, order_v: int) -> Array:
+        columns = np.moveaxis(spline(u, nu=order_u), 1, 0)
+        rows = BSpline(surface.knots_v, columns, surface.degree_v)(v, nu=order_v)
+        return np.ascontiguousarray(np.moveaxis(rows, 0, 1))
+
+    return _cartesian(at(0, 0), at(1, 0), at(0, 1))
+
+
+def evaluate_points(surface: BSplineSurface, uv: Array) -> tuple[Array, Array, Array]:
+    """S, S_u and S_v at parameter points (N, 2), each (N, 3)."""
+    u0, u1, v0, v1 = surface.domain
+    inside = np.clip(uv, [u0, v0], [u1, v1])
+    spline = NdBSpline((surface.knots_u, surface.knots_v), _homogeneous(surface), (surface.degree_u, surface.degree_v))
+    return _cartesian(*(np.asarray(spline(inside, nu=order)) for order in ((0, 0), (1, 0), (0, 1))))
+
+
+def inside_rows(loops: tuple[Array, ...], u: Array, v: Array) -> npt.NDArray[np.bool_]:
+    """Even-odd rule on the grid u x v: (len(u), len(v)), u ascending."""
+    start = np.concatenate([loop for loop in loops])
+    end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
+    result = np.zeros((len(u), len(v)), dtype=np.bool_)
+    for column, value in enumerate(v):
+        crosses = (start[:, 1] > value) != (end[:, 1] > value)
+        first, last = start[crosses], end[crosses]
+        where = first[:, 0] + (value - first[:, 1]) / (last[:, 1] - first[:, 1]) * (last[:, 0] - first[:, 0])
+        result[:, column] = np.searchsorted(np.sort(where), u) % 2 == 1
+    return result
+
+
+def _cells_of_even_length(edges: Array, lengths: Array, count: int) -> tuple[Array, Array]:
+    """Middles and widths of `count` parameter cells of even length, from lengths of coarse cells between edges."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9 * lengths.sum()))])
+    borders = np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, edges)
+    return 0.5 * (borders[1:] + borders[:-1]), np.diff(borders)
+
+
+def sample_face(face: DesignFace, count: int = POINTS_PER_FACE) -> FaceSample:
+    """Points on a trimmed face, evenly spread, with the area each stands for.
+
+    Parameters
+    ----------
+    face: the face.
+    count: how many points the grid shall have inside the trimming loops, about.
+    """
+    surface = face.surface
+    loops = np.concatenate(face.loops)
+    u0, u1, v0, v1 = surface.domain
+    low, high = np.maximum(loops.min(axis=0), [u0, v0]), np.minimum(loops.max(axis=0), [u1, v1])
+    edges_u, edges_v = (np.linspace(low[k], high[k], _COARSE + 1) for k in (0, 1))
+    middle_u, middle_v = 0.5 * (edges_u[1:] + edges_u[:-1]), 0.5 * (edges_v[1:] + edges_v[:-1])
+    _, by_u, by_v = evaluate_grid(surface, middle_u, middle_v)
+    coarse = inside_rows(face.loops, middle_u, middle_v)
+    filled = max(float(coarse.mean()), 1.0 / _COARSE**2)
+    lengths_u = np.linalg.norm(by_u, axis=2).mean(axis=1) * np.diff(edges_u)
+    lengths_v = np.linalg.norm(by_v, axis=2).mean(axis=0) * np.diff(edges_v)
+    cells = count / filled
+    ratio = np.clip(lengths_u.sum() / lengths_v.sum(), 0.01, 100.0)
+    nu, nv = max(int(np.sqrt(cells * ratio)), 4), max(int(np.sqrt(cells / ratio)), 4)
+    u, du = _cells_of_even_length(edges_u, lengths_u, nu)
+    v, dv = _cells_of_even_length(edges_v, lengths_v, nv)
+    points, by_u, by_v = evaluate_grid(surface, u, v)
+    normals = face.sense * np.cross(by_u, by_v)
+    size = np.linalg.norm(normals, axis=2)
+    kept = inside_rows(face.loops, u, v) & (size > 1e-9 * max(float(size.max()), 1e-300))
+    number = np.full(kept.shape, -1, dtype=np.int64)
+    number[kept] = np.arange(int(kept.sum()))
+    pairs = [
+        np.stack([first[both], last[both]], axis=1)
+        for first, last in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
+        for both in [(first >= 0) & (last >= 0)]
+    ]
+    border_points, border_normals = _sample_border(face)
+    return FaceSample(
+        points=np.concatenate([points[kept], border_points]),
+        normals=np.concatenate([normals[kept] / size[kept][:, None], border_normals]),
+        area=np.concatenate([(size * du[:, None] * dv[None, :])[kept], np.zeros(len(border_points))]),
+        neighbours=np.concatenate(pairs),
+    )
+
+
+def _sample_border(face: DesignFace) -> tuple[Array, Array]:
+    """Points and normals along the trimming loops."""
+    pieces = []
+    for loop in face.loops:
+        ends = np.roll(loop, -1, axis=0)
+        way = np.linalg.norm(evaluate_points(face.surface, ends)[0] - evaluate_points(face.surface, loop)[0], axis=1)
+        parts = np.maximum(np.ceil(way / BORDER_SPACING).astype(np.int64), 1)
+        owner = np.repeat(np.arange(len(loop)), parts)
+        share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
+        pieces.append(loop[owner] + share[:, None] * (ends - loop)[owner])
+    points, by_u, by_v = evaluate_points(face.surface, np.concatenate(pieces))
+    normals = face.sense * np.cross(by_u, by_v)
+    size = np.linalg.norm(normals, axis=1)
+    # At a pole of the surface the normal is not defined by its derivatives; the point next to it speaks for it.
+    kept = size > 1e-9 * max(float(size.max()), 1e-300)
+    return points[kept], normals[kept] / size[kept][:, None]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshSample:
+    """Points on a mesh, N of them.
+
+    Attributes
+    ----------
+    points: (N, 3) mm.
+    sag: (N,) how far the true face may lie from the point, mm: 0 at vertices; estimated from the angle to the next
+        triangle elsewhere; 0 on meshes that are no image of a CAD face.
+    face: (N,) CAD face number, -1 for meshes from elsewhere.
+    """
+
+    points: Array
+    sag: Array
+    face: Integers
+
+
+def _sags(mesh: CheckMesh) -> Array:
+    """How far the curved face behind each triangle may lie off it, (M,) mm, from the angle to the triangles beside it.
+
+    Across a chord w over which the normal turns by an angle, an arc rises by w angle / 8.
+    """
+    vertices, triangles = mesh.vertices, mesh.triangles.astype(np.int64)
+    # Vertices are welded by place, since a mesher may repeat them.
+    _, welded = np.unique(np.round(vertices / _WELD).astype(np.int64), axis=0, return_inverse=True)
+    corners = welded.reshape(-1)[triangles]
+    sides = [vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3)]
+    normals = np.cross(sides[0], sides[1])
+    double_area = np.linalg.norm(normals, axis=1)
+    normals /= np.maximum(double_area, 1e-300)[:, None]
+    edges = np.sort(np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+    owner = np.tile(np.arange(len(triangles)), 3)
+    # The chord across an edge is the triangle's height over it.
+    height = np.concatenate([double_area / np.maximum(np.linalg.norm(side, axis=1), 1e-300) for side in sides])
+    order = np.lexsort((mesh.face[owner], edges[:, 1], edges[:, 0]))
+    first, last = order[:-1], order[1:]
+    paired = (edges[first] == edges[last]).all(axis=1) & (mesh.face[owner[first]] == mesh.face[owner[last]])
+    first, last = first[paired], last[paired]
+    cosine = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[last]])
+    smooth = cosine > _SMOOTH_EDGE
+    first, last = first[smooth], last[smooth]
+    rise = np.maximum(height[first], height[last]) * np.arccos(np.clip(cosine[smooth], -1.0, 1.0)) / 8.0
+    sag = np.zeros(len(triangles))
+    for side in (first, last):
+        np.maximum.at(sag, owner[side], rise)
+    return np.where(mesh.face >= 0, sag, 0.0)
+
+
+def sample_mesh(mesh: CheckMesh, low: Array, high: Array, spacing: float = MESH_SPACING) -> MeshSample:
+    """Points on the triangles of a mesh that reach into a box, vertices first.
+
+    Parameters
+    ----------
+    mesh: the mesh.
+    low, high: corners of the box, (3,) mm.
+    spacing: longest distance between points on a triangle, mm.
+    """
+    triangles = mesh.triangles.astype(np.int64)
+    if len(triangles) == 0:
+        return MeshSample(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
+    corners = mesh.vertices[triangles]
+    near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+    sag = _sags(mesh)[near]
+    corners, face = corners[near], mesh.face[near].astype(np.int64)
+    points, sags, faces = [corners.reshape(-1, 3)], [np.zeros(3 * len(corners))], [np.repeat(face, 3)]
+    longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1, initial=0.0)
+    parts = np.ceil(longest / spacing).astype(np.int64)
+    # Triangles of fixtures can be large; they are split finely enough all the same, one number of parts at a time.
+    for count in np.unique(parts[parts > 1]):
+        chosen = parts == count
+        i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+        used = (i + j <= count) & (np.maximum(np.maximum(i, j), count - i - j) < count)
+        shares = np.stack([count - i[used] - j[used], i[used], j[used]], axis=1) / count
+        points.append(np.einsum("pk,tkx->tpx", shares, corners[chosen]).reshape(-1, 3))
+        sags.append(np.repeat(sag[chosen], len(shares)))
+        faces.append(np.repeat(face[chosen], len(shares)))
+    every = np.concatenate(points)
+    kept = ((every >= low) & (every <= high)).all(axis=1)
+    return MeshSample(every[kept], np.concatenate(sags)[kept], np.concatenate(faces)[kept])

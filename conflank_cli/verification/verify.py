@@ -1,0 +1,630 @@
+"""Judge a program from its text: what it cuts, what it leaves, what it comes near."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from math import radians
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.scene import Scene
+from conflank_cli.tool import Tool
+from conflank_cli.verification.findings import Finding
+from conflank_cli.verification.gap import (
+    Body,
+    ball_body,
+    cone_body,
+    cutting_body,
+    nearest,
+    section_bodies,
+)
+from conflank_cli.verification.kinematics import Frame, from_cad
+from conflank_cli.verification.poses import Cells, Poses, axis_between, build_cells, poses_on_part
+from conflank_cli.verification.program import RETRACT_CHECKED, Interpolation, Moves, Program
+from conflank_cli.verification.reader import read_program
+from conflank_cli.verification.result import (
+    ClearanceFigures,
+    Clearances,
+    CutFigures,
+    FaceFigures,
+    GapFigures,
+    Place,
+    Pose,
+    Triple,
+    Verification,
+)
+from conflank_cli.verification.sampling import POINTS_PER_FACE, FaceSample, MeshSample, sample_face, sample_mesh
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+RAPID_RATE = 20_000.0
+"""Assumed rate of rapids, mm/min; a program does not state it, and the time is no finding."""
+
+REACH = 0.5
+"""Gaps of single cuts are exact up to this, mm; beyond it a cut has nothing to do with a point."""
+
+_SAME_WAY = 1e-5
+"""Ways of the axis that nowhere differ by more than this are one, mm at the far end of the cutter: 0.01 um."""
+
+_SAME_FRAME = 1e-3
+"""Frames that differ by less than this are the same, mm or degrees: the header gives four decimals."""
+
+_SAME_TOOL = 1e-3
+"""Cutters whose sizes differ by less than this are the same, mm."""
+
+_NEAR = 5.0
+"""The mesh is sampled this far around what the tool passes through, mm; beyond it nothing is near."""
+
+_ROUNDING = 1e-7
+"""Slack of a limit for floating-point noise, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """All moves of one cut with one tool, or those outside any cut (cut -1)."""
+
+    tool: Tool
+    cut: int
+    cells: tuple[Cells, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Swept:
+    """Gap at N points: in all, with the move and share it occurs at; by each cut, with the move; without the passes."""
+
+    gap: Array
+    move: Integers
+    share: Array
+    by_cut: Array
+    move_by_cut: Integers
+    flank: Array
+
+
+def _triple(values: Array) -> Triple:
+    # Zero has one sign, so that equal results are written equally.
+    return (float(values[0]) + 0.0, float(values[1]) + 0.0, float(values[2]) + 0.0)
+
+
+def _micrometres(value: float) -> float:
+    return round(1000.0 * float(value), 4) + 0.0
+
+
+def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[Finding]]:
+    """The cutter of every tool call: sizes from the program's header, shank and holder from the job's drawer."""
+    tools: list[Tool | None] = []
+    findings: list[Finding] = []
+    for call in program.tool_calls:
+        stated = [
+            tool
+            for tool in program.header.tools
+            if tool.number == call.number or (call.name is not None and tool.name == call.name)
+        ]
+        drawer = [
+            tool
+            for tool in scene.tools
+            if (tool.name == stated[0].name if stated else tool.number == call.number or tool.name == call.name)
+        ]
+        label = f"tool {call.number if call.number is not None else call.name}"
+        if not stated:
+            text = f"{label} is not stated in the header (; TOOL n name R_MIN .. R_MAX .. LENGTH ..)"
+            if len(drawer) == 1:
+                text += f"; judged with {drawer[0].name} of the job"
+            findings.append(Finding("CF103", text, call.block))
+            tools.append(drawer[0] if len(drawer) == 1 else None)
+            continue
+        size = stated[0]
+        if not (0.0 < size.r_min <= size.r_max and size.length > 0.0):
+            findings.append(Finding("CF109", f"{label}: R_MIN, R_MAX and LENGTH make no cutter", call.block))
+            tools.append(None)
+            continue
+        if not drawer:
+            findings.append(
+                Finding("CF110", f"{label} {size.name} is not in the job: its shank and holder are unknown", call.block)
+            )
+            tools.append(Tool(size.name, size.r_min, size.r_max, size.length, number=size.number))
+            continue
+        own = drawer[0]
+        if (
+            max(abs(own.r_min - size.r_min), abs(own.r_max - size.r_max), abs(own.length - size.length)) > _SAME_TOOL
+            or own.number != size.number
+        ):
+            findings.append(
+                Finding("CF110", f"{label} {size.name} is another than the job's tool of that name", call.block)
+            )
+        tools.append(replace(own, r_min=size.r_min, r_max=size.r_max, length=size.length, number=size.number))
+    return tools, findings
+
+
+def _frame_of(program: Program, scene: Scene) -> tuple[Frame, list[Finding]]:
+    """The frame the header states; without it the job's, and a finding."""
+    setup = scene.job.setup
+    own = Frame(setup.rotate_deg, setup.translate)
+    stated = program.header.frame
+    if stated is None:
+        text = "the frame is not stated in the header (; FRAME ..); judged in the frame of the job's [setup]"
+        return own, [Finding("CF104", text)]
+    off = max(
+        float(np.degrees(np.abs(stated.matrix - own.matrix)).max()),
+        float(np.abs(np.subtract(stated.translate, own.translate)).max()),
+    )
+    if off > _SAME_FRAME:
+        return stated, [Finding("CF110", "the header's frame is another than the job's [setup]", None, None, off)]
+    return stated, []
+
+
+def _same_axis_way(poses: Poses, move: Integers, height: float) -> bool:
+    """Whether both interpolations agree on all the given moves, at a height above the tip."""
+    ways = [
+        axis_between(poses, move, np.full(len(move), share), Interpolation.AXIS)
+        - axis_between(poses, move, np.full(len(move), share), Interpolation.VECTOR)
+        for share in (0.25, 0.5, 0.75)
+    ]
+    return max(float(np.linalg.norm(way, axis=1).max(initial=0.0)) for way in ways) * height < _SAME_WAY
+
+
+def _stretches(poses: Poses, tools: list[Tool | None]) -> list[_Stretch]:
+    moves = poses.moves
+    result = []
+    for call, cut in sorted(set(zip(moves.tool.tolist(), moves.cut.tolist(), strict=True))):
+        tool = tools[call] if call >= 0 else None
+        if tool is None:
+            continue
+        chosen = np.flatnonzero((moves.tool == call) & (moves.cut == cut))
+        modes = [Interpolation.VECTOR]
+        if not _same_axis_way(poses, chosen, tool.length - tool.tip_height):
+            modes.append(Interpolation.AXIS)
+        result.append(_Stretch(tool, cut, tuple(build_cells(poses, chosen, mode) for mode in modes)))
+    return result
+
+
+def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _Swept:
+    """The gap, worse of the two interpolations at every point and for every cut."""
+    count = len(points)
+    modes = max((len(stretch.cells) for stretch in stretches), default=1)
+    gaps = np.full((modes, count), np.inf)
+    flanks = np.full((modes, count), np.inf)
+    moves = np.full((modes, count), -1, dtype=np.int64)
+    shares = np.zeros((modes, count))
+    by_cut = np.full((modes, len(kinds), count), np.inf)
+    move_by_cut = np.full((len(kinds), count), -1, dtype=np.int64)
+    bodies = [cutting_body(stretch.tool) for stretch in stretches]
+    for mode in range(modes):
+        for stretch, body in zip(stretches, bodies, strict=True):
+            cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
+            found = nearest(points, cells, body, REACH)
+            hit = found.move >= 0
+            value = np.where(hit, found.distance, np.inf)
+            if stretch.cut >= 0:
+                own = value < by_cut[mode, stretch.cut]
+                by_cut[mode, stretch.cut, own] = value[own]
+                move_by_cut[stretch.cut, own] = found.move[own]
+            if stretch.cut < 0 or kinds[stretch.cut] == "sweep":
+                flanks[mode] = np.minimum(flanks[mode], value)
+            nearer = value < gaps[mode]
+            gaps[mode, nearer] = value[nearer]
+            moves[mode, nearer], shares[mode, nearer] = found.move[nearer], found.share[nearer]
+        # Beyond the reach of every cut the gap is still a figure of its own: how much stock stands there.
+        far = np.flatnonzero(~np.isfinite(gaps[mode]))
+        for stretch, body in zip(stretches, bodies, strict=True):
+            cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
+            found = nearest(points[far], cells, body, gaps[mode, far])
+            nearer = found.move >= 0
+            gaps[mode, far[nearer]] = found.distance[nearer]
+            moves[mode, far[nearer]], shares[mode, far[nearer]] = found.move[nearer], found.share[nearer]
+
+    def worse(values: Array) -> Array:
+        return np.asarray(np.take_along_axis(values, np.abs(values).argmax(axis=0)[None], axis=0)[0])
+
+    pick = np.abs(gaps).argmax(axis=0)[None]
+    return _Swept(
+        gap=np.take_along_axis(gaps, pick, axis=0)[0],
+        move=np.take_along_axis(moves, pick, axis=0)[0],
+        share=np.take_along_axis(shares, pick, axis=0)[0],
+        by_cut=worse(by_cut),
+        move_by_cut=move_by_cut,
+        flank=worse(flanks),
+    )
+
+
+def _place(poses: Poses, point: Array, face: int, move: int, share: float) -> Place:
+    """Name a place and the pose there, in the program's frame."""
+    if move < 0:
+        return Place(_triple(point), face)
+    before = move - 1 if poses.moves.joined[move] else move
+    tip = poses.tip[before] + share * (poses.tip[move] - poses.tip[before])
+    mode = Interpolation(int(poses.moves.interpolation[move]))
+    axis = axis_between(poses, np.array([move]), np.array([share]), mode)
+    tips, axes = from_cad(poses.frame, tip[None], axis)
+    return Place(
+        _triple(np.round(point, 6)),
+        face,
+        int(poses.moves.block[move]),
+        round(share, 6),
+        Pose(_triple(np.round(tips[0], 6)), _triple(np.round(axes[0], 9))),
+    )
+
+
+def _times(poses: Poses) -> Array:
+    """Seconds each move takes, (N,): way of the programmed point over feed, rapids at the assumed rate."""
+    moves = poses.moves
+    if len(moves.block) == 0:
+        return np.zeros(0)
+    way = np.linalg.norm(np.diff(moves.point, axis=0, prepend=moves.point[:1]), axis=1)
+    rate = np.where(moves.rapid, RAPID_RATE, moves.feed)
+    known = moves.joined & np.isfinite(rate) & (rate > 0.0)
+    return np.where(known, 60.0 * way / np.where(known, rate, 1.0), 0.0)
+
+
+def _contact_length(poses: Poses, moves: Integers) -> float:
+    """Way of the tip from the first to the last of the given moves, mm."""
+    if len(moves) == 0:
+        return 0.0
+    first, last = int(moves.min()), int(moves.max())
+    span = np.arange(first, last + 1)
+    joined = span[poses.moves.joined[span]]
+    return float(np.linalg.norm(poses.tip[joined] - poses.tip[joined - 1], axis=1).sum())
+
+
+def _worst_gouges(
+    gap: Array, swept: _Swept, sample_of: Integers, poses: Poses, points: Array, faces: list[int], limit: float
+) -> list[Finding]:
+    """One finding for every face and cut that gouges it, at the deepest place."""
+    findings = []
+    deep = np.flatnonzero(gap < -limit - _ROUNDING)
+    cuts = poses.moves.cut[swept.move[deep]]
+    for face, cut in sorted(set(zip(sample_of[deep].tolist(), cuts.tolist(), strict=True))):
+        chosen = deep[(sample_of[deep] == face) & (cuts == cut)]
+        worst = int(chosen[gap[chosen].argmin()])
+        block = int(poses.moves.block[swept.move[worst]])
+        findings.append(
+            Finding(
+                "CF201",
+                f"gouge of {-1000.0 * gap[worst]:.1f} um in face {faces[face]}, block {block}",
+                block,
+                _triple(np.round(points[worst], 6)),
+                _micrometres(-gap[worst]),
+                _micrometres(limit),
+                "um",
+                len(chosen),
+            )
+        )
+    return findings
+
+
+def _clearance(
+    stretches: list[_Stretch],
+    poses: Poses,
+    sample: MeshSample,
+    limits: Array,
+    pick: str,
+    code: str,
+    advice: str,
+) -> tuple[ClearanceFigures, list[Finding]]:
+    """Least distance of a component to sampled points, and a finding where the limit at a point is not kept.
+
+    A point inside a triangle is off the face behind it by up to its sag. For the cutter, which is meant to touch, that
+    is added to the distance, so that a mesh makes no gouges; for shank and holder, which are to stay away, it is taken
+    off.
+    """
+    sag = sample.sag if pick in ("ball", "cone") else -sample.sag
+    least, least_at = np.inf, (-1, -1, 0.0)
+    worst, worst_at, count = 0.0, (-1, -1, 0.0), 0
+    # A few points first set the mark that the rest has to beat.
+    for stretch in stretches:
+        for body in _component(stretch.tool, pick):
+            for cells in stretch.cells:
+                mark = np.maximum(limits, least) if np.isfinite(least) else np.full(len(limits), np.inf)
+                sparse = np.arange(0, len(limits), 16)
+                if not np.isfinite(least) and len(sparse):
+                    rough = nearest(sample.points[sparse], cells, body)
+                    mark = np.maximum(limits, float((rough.distance + sag[sparse]).min()) + 1e-9)
+                found = nearest(sample.points, cells, body, mark + sample.sag)
+                hit = np.flatnonzero(found.move >= 0)
+                if len(hit) == 0:
+                    continue
+                value = found.distance[hit] + sag[hit]
+                first = int(value.argmin())
+                if value[first] < least:
+                    least = float(value[first])
+                    least_at = (int(hit[first]), int(found.move[hit[first]]), float(found.share[hit[first]]))
+                lack = limits[hit] - _ROUNDING - value
+                count += int((lack > 0.0).sum())
+                deepest = int(lack.argmax())
+                if lack[deepest] > worst:
+                    worst = float(lack[deepest])
+                    worst_at = (int(hit[deepest]), int(found.move[hit[deepest]]), float(found.share[hit[deepest]]))
+    findings = []
+    if worst_at[0] >= 0:
+        n, move, _ = worst_at
+        limit = float(limits[n])
+        amount = limit - worst - _ROUNDING
+        block = int(poses.moves.block[move])
+        face = int(sample.face[n])
+        target = f"face {face}" if face >= 0 else "an obstacle"
+        findings.append(
+            Finding(
+                code,
+                f"{pick} {amount:.3f} mm from {target}, {limit:.3f} mm {advice}, block {block}",
+                block,
+                _triple(np.round(sample.points[n], 6)),
+                round(amount, 6),
+                round(limit, 6),
+                "mm",
+                count,
+            )
+        )
+    if least_at[0] < 0:
+        return ClearanceFigures(None, None), findings
+    place = _place(poses, sample.points[least_at[0]], int(sample.face[least_at[0]]), least_at[1], least_at[2])
+    return ClearanceFigures(round(least, 6), place), findings
+
+
+def _component(tool: Tool, name: str) -> tuple[Body, ...]:
+    if name == "ball":
+        return (ball_body(tool),)
+    if name == "cone":
+        return (cone_body(tool),)
+    shank, holder = section_bodies(tool)
+    return shank if name == "shank" else holder
+
+
+def _reach_box(poses: Poses, tools: list[Tool]) -> tuple[Array, Array]:
+    """Box around everything the tools pass through, with a rim."""
+    high = max(tool.length - tool.tip_height + sum(s.length for s in (*tool.shank, *tool.holder)) for tool in tools)
+    radius = max(
+        max([tool.r_max, *(max(s.diameter_low, s.diameter_high) / 2 for s in (*tool.shank, *tool.holder))])
+        for tool in tools
+    )
+    ends = np.concatenate([poses.tip, poses.tip + high * poses.axis])
+    return ends.min(axis=0) - radius - _NEAR, ends.max(axis=0) + radius + _NEAR
+
+
+def _sagged(figures: list[ClearanceFigures]) -> ClearanceFigures:
+    known = [item for item in figures if item.least is not None]
+    return min(known, key=lambda item: item.least or 0.0) if known else ClearanceFigures(None, None)
+
+
+def _clearances(
+    scene: Scene, poses: Poses, stretches: list[_Stretch], samples: list[FaceSample]
+) -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
+    """Clearance of every component, its findings, and the deepest overcut into the faces next to the design faces."""
+    margin, overcut = scene.job.obstacles.margin, scene.job.tolerance.overcut
+    low, high = _reach_box(poses, [stretch.tool for stretch in stretches])
+    mesh = sample_mesh(scene.check, low, high)
+    numbers = np.concatenate(
+        [np.full(len(sample.points), face.number) for face, sample in zip(scene.faces, samples, strict=True)]
+    ).astype(np.int64)
+    design = MeshSample(np.concatenate([sample.points for sample in samples]), np.zeros(len(numbers)), numbers)
+    foreign = mesh.face < 0
+    findings: list[Finding] = []
+    result: dict[str, ClearanceFigures] = {}
+    for name, code, kept in (
+        ("ball", "CF301", margin.cutter),
+        ("cone", "CF302", margin.cutter),
+        ("shank", "CF303", margin.shank),
+        ("holder", "CF304", margin.holder),
+    ):
+        cutter = name in ("ball", "cone")
+        part = -overcut if cutter else kept
+        figures, found = _clearance(
+            stretches, poses, mesh, np.where(foreign, kept, part), name, code, "is the least allowed"
+        )
+        both = [figures]
+        findings += [
+            msgspec.structs.replace(item, code="CF203")
+            if cutter and item.limit is not None and item.limit < 0.0
+            else item
+            for item in found
+        ]
+        if not cutter:
+            # Right above the cone a shank of the same radius runs out of the cut tangentially: it may graze what the
+            # cone has just finished, but not cut it. The holder keeps its margin from everything.
+            limit = -overcut if name == "shank" else kept
+            figures, found = _clearance(
+                stretches, poses, design, np.full(len(numbers), limit), name, code, "is the least allowed"
+            )
+            both.append(figures)
+            findings += found
+        result[name] = _sagged(both)
+    beside: tuple[float, Place] | None = None
+    for name in ("ball", "cone"):
+        near = result[name]
+        if (
+            near.least is not None
+            and near.at is not None
+            and near.least < 0.0
+            and near.at.face >= 0
+            and (beside is None or near.least < -beside[0])
+        ):
+            beside = (-near.least, near.at)
+    return Clearances(result["ball"], result["cone"], result["shank"], result["holder"]), findings, beside
+
+
+def _control_tolerance(program: Program, tools: list[Tool]) -> float | None:
+    """T + h TA in mm, h the height of the tallest cutter; None where the cycle is not set or not whole."""
+    if program.tolerance is None or program.tolerance[1] is None or not tools:
+        return None
+    height = max(tool.length - tool.tip_height for tool in tools)
+    return program.tolerance[0] + height * radians(program.tolerance[1])
+
+
+def _step(samples: list[FaceSample], swept: _Swept, covered: npt.NDArray[np.bool_]) -> float | None:
+    """Largest difference of the gap across the border of two patches, mm."""
+    if len(swept.by_cut) < 2:
+        return None
+    ruler = np.where(np.isfinite(swept.by_cut.min(axis=0)), swept.by_cut.argmin(axis=0), -1)
+    first = 0
+    steps = []
+    for sample in samples:
+        pairs = sample.neighbours + first
+        a, b = pairs[:, 0], pairs[:, 1]
+        border = (ruler[a] != ruler[b]) & (ruler[a] >= 0) & (ruler[b] >= 0) & covered[a] & covered[b]
+        steps.append(np.abs(swept.gap[a] - swept.gap[b])[border])
+        first += len(sample.points)
+    every = np.concatenate(steps)
+    return float(every.max()) if len(every) else None
+
+
+def verify_program(text: str, scene: Scene, name: str = "", points_per_face: int = POINTS_PER_FACE) -> Verification:
+    """Judge a conversational program.
+
+    Parameters
+    ----------
+    text: the whole program.
+    scene: the job and its geometry; its tools give shank and holder, its [setup] the frame the header should state.
+    name: name of the program's file, for the record.
+    points_per_face: points at which each design face is judged, about.
+
+    Returns
+    -------
+    The judgement. It never repairs, and it takes nothing for known that the text does not say: what it had to take from
+    the job instead is a finding.
+    """
+    program = read_program(text)
+    findings = list(program.findings)
+    tools, found = _tools_of(program, scene)
+    findings += found
+    frame, found = _frame_of(program, scene)
+    findings += found
+    if program.header.reference is None:
+        findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
+    moves = program.moves
+    below = np.zeros(len(moves.block))
+    if program.header.reference == "SPHERE CENTRE":
+        radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
+        below = radii[moves.tool]
+    poses = poses_on_part(moves, program.letters, frame, below)
+    digest = hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+    return _judge(program, poses, tools, scene, findings, name, digest, points_per_face)
+
+
+def _judge(
+    program: Program,
+    poses: Poses,
+    tools: list[Tool | None],
+    scene: Scene,
+    findings: list[Finding],
+    name: str,
+    digest: str,
+    points_per_face: int,
+) -> Verification:
+    tolerance = scene.job.tolerance
+    moves: Moves = poses.moves
+    stretches = _stretches(poses, tools)
+    used = [stretch.tool for stretch in stretches]
+    if not stretches:
+        findings.append(Finding("CF111", "no move with a known pose and a known tool"))
+    samples = [sample_face(face, points_per_face) for face in scene.faces]
+    surface = np.concatenate([sample.points for sample in samples])
+    normals = np.concatenate([sample.normals for sample in samples])
+    area = np.concatenate([sample.area for sample in samples])
+    face_of = np.repeat(np.arange(len(samples)), [len(sample.points) for sample in samples])
+    numbers = [face.number for face in scene.faces]
+    kinds = [cut.kind for cut in program.cuts]
+    swept = _swept_gap(surface + tolerance.allowance * normals, stretches, kinds)
+    gap = swept.gap
+
+    def covers(values: Array) -> npt.NDArray[np.bool_]:
+        return np.asarray((values >= -tolerance.overcut - _ROUNDING) & (values <= tolerance.undercut + _ROUNDING))
+
+    covered = covers(gap)
+    total = float(area.sum())
+    coverage = float(area[covered].sum()) / total
+    # A pass may gouge what a sweep has covered, but it cannot cover it for the sweep.
+    coverage_flank = float(area[covers(swept.flank)].sum()) / total
+
+    findings += _worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
+    if stretches:
+        clearances, found, beside = _clearances(scene, poses, stretches, samples)
+        findings += found
+    else:
+        nothing = ClearanceFigures(None, None)
+        clearances, beside = Clearances(nothing, nothing, nothing, nothing), None
+    if coverage < scene.job.selection.coverage:
+        findings.append(
+            Finding(
+                "CF202",
+                f"{100.0 * coverage:.2f} % of the faces covered, {100.0 * scene.job.selection.coverage:.2f} % wanted",
+                amount=round(coverage, 6),
+                limit=scene.job.selection.coverage,
+                unit="1",
+            )
+        )
+
+    def at(n: int) -> Place:
+        return _place(poses, surface[n], numbers[face_of[n]], int(swept.move[n]), float(swept.share[n]))
+
+    deepest, highest = int(gap.argmin()), int(gap.argmax())
+    overcut, overcut_at = max(0.0, -float(gap[deepest])), at(deepest) if gap[deepest] < 0.0 else None
+    if beside is not None and beside[0] > overcut:
+        overcut, overcut_at = beside
+    absolute = np.abs(gap[covered & (area > 0.0)])
+    times = _times(poses)
+    sweeps: list[CutFigures] = []
+    passes: list[CutFigures] = []
+    for index, label in enumerate(program.cuts):
+        chosen = [stretch for stretch in stretches if stretch.cut == index]
+        values = swept.by_cut[index]
+        own = covers(values)
+        reached = values <= tolerance.undercut + _ROUNDING
+        weights = area[own]
+        touching = np.unique(swept.move_by_cut[index][own])
+        figures = CutFigures(
+            number=label.number,
+            tool=chosen[0].tool.name if chosen else "",
+            length_mm=round(_contact_length(poses, touching), 3),
+            covered_mm2=round(float(weights.sum()), 3),
+            gap_min_um=_micrometres(values[reached].min()) if reached.any() else None,
+            gap_mean_abs_um=_micrometres(np.average(np.abs(values[own]), weights=weights)) if weights.sum() else None,
+            gap_max_um=_micrometres(values[own].max()) if own.any() else None,
+            time_s=round(float(times[moves.cut == index].sum()), 3),
+        )
+        (sweeps if label.kind == "sweep" else passes).append(figures)
+    control = _control_tolerance(program, used)
+    step = _step(samples, swept, covered)
+    known = bool(stretches)
+    return Verification(
+        program=name or program.name,
+        program_sha256=digest,
+        judged={
+            "interpolation": "worse of great circle and even rotary motion",
+            "tools": ", ".join(sorted({tool.name for tool in used})),
+            "frame": "header" if program.header.frame is not None else "job",
+            "reference": program.header.reference or "TIP",
+            "rapid_rate_mm_min": RAPID_RATE,
+            "retract_checked_mm": RETRACT_CHECKED,
+            "points": float(len(surface)),
+        },
+        coverage=round(coverage, 9),
+        coverage_flank=round(coverage_flank, 9),
+        overcut_max_um=_micrometres(overcut),
+        overcut_max_at=overcut_at,
+        stock_max_um=_micrometres(gap[highest]) if known else None,
+        stock_max_at=at(highest) if known else None,
+        gap_um=GapFigures(
+            _micrometres(np.average(absolute, weights=area[covered & (area > 0.0)])) if len(absolute) else None,
+            _micrometres(np.quantile(absolute, 0.99)) if len(absolute) else None,
+        ),
+        step_max_um=None if step is None else _micrometres(step),
+        faces=tuple(
+            FaceFigures(
+                face=numbers[k],
+                area_mm2=round(float(area[face_of == k].sum()), 3),
+                coverage=round(float(area[covered & (face_of == k)].sum() / area[face_of == k].sum()), 9),
+                overcut_max_um=_micrometres(max(0.0, -float(gap[face_of == k].min()))),
+                stock_max_um=_micrometres(gap[face_of == k].max()) if known else None,
+            )
+            for k in range(len(samples))
+        ),
+        sweeps=tuple(sweeps),
+        passes=tuple(passes),
+        clearance_mm=clearances,
+        time_s=round(float(times.sum()), 3),
+        control_tolerance_um=None if control is None else _micrometres(control),
+        unknown_moves=program.unknown_moves,
+        findings=tuple(findings),
+    )
