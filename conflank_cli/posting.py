@@ -45,6 +45,8 @@ REFINEMENTS = 24
 """Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
 FEED_FLOOR = 0.01
 """Least tip feed as a share of the contact feed: below it the tip all but stands while the axis swings."""
+LEAST_FEED = 1.0
+"""mm/min; programs carry whole numbers, and 0 would mean rapid."""
 AWAY_SAMPLES = 9
 """Places along a sweep where the direction away from the face is taken."""
 HULL_SAMPLES = 65
@@ -273,7 +275,7 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     ------
     NumericalError: blocks get endlessly short.
     """
-    times = [_planned_times(ride, machine) for ride in rides]
+    times = [_planned_times(ride, machine, f"sweep {number}") for number, ride in enumerate(rides, start=1)]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
         # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
@@ -295,13 +297,16 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     )
 
 
-def _planned_times(ride: Ride, machine: Machine) -> Array:
-    """Times that load all blocks alike, with the least count for which none exceeds the tolerance (or nearly)."""
+def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
+    """Times that load all blocks alike, with the least count for which none exceeds the tolerance (or nearly).
+
+    `label` names the sweep in messages.
+    """
     spans = len(np.unique(ride.motion.knots)) - 1
     count = max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1)
     t = np.linspace(0.0, 1.0, count)
     tip, axis = ride.poses(t)
-    words = choose_words(machine, [Run("sweep", axis)])[0]
+    words = choose_words(machine, [Run(label, axis)])[0]
     width = 2.0 / (count - 1)
     pairs = np.stack([np.arange(count - 2), np.arange(2, count)], axis=1)
     deviation = _deviation(ride, tip[pairs], axis[pairs], words[pairs], tip[1:-1, None], axis[1:-1, None], machine)
@@ -314,9 +319,9 @@ def _planned_times(ride: Ride, machine: Machine) -> Array:
     for _ in range(6):
         times = np.interp(np.linspace(0.0, load[-1], blocks + 1), load, t)
         times[0], times[-1] = 0.0, 1.0
-        words = choose_words(machine, [Run("sweep", ride.poses(times)[1])])[0]
+        words = choose_words(machine, [Run(label, ride.poses(times)[1])])[0]
         worst = float(block_deviation(ride, times, words, machine).max()) / (CHECK_SLACK * CHORD_TOLERANCE)
-        # One block more in a hundred for each try; where even a third more would not do, single blocks are to blame.
+        # Where even a third more blocks would not do, single blocks are to blame, and those get halved later.
         if worst <= 1.0 or worst > 1.8:
             break
         blocks = max(blocks + 1, int(np.ceil(blocks * np.sqrt(worst))))
@@ -387,8 +392,8 @@ def _deviation(
 def contact_feed(tip: Array, axis: Array, words: Array, ride: Ride, machine: Machine) -> Array:
     """Feed of the tip into each pose, mm/min, (N,), for which the fastest point of the flute has the tool's feed.
 
-    Limited by the machine's feed, block time and rotary speeds, and from below by `FEED_FLOOR`; the first pose gets the
-    feed of the second.
+    Not below `FEED_FLOOR`; limited by the machine's feed, block time and rotary speeds. The first pose gets the feed of
+    the second.
     """
     wanted = ride.tool.feed_mm_min
     low = np.linalg.norm(np.diff(tip, axis=0), axis=1)
@@ -401,8 +406,9 @@ def contact_feed(tip: Array, axis: Array, words: Array, ride: Ride, machine: Mac
             turn[:, column] -= 360.0 * np.round(turn[:, column] / 360.0)
     speeds = np.array([rotary.max_speed_deg_min for rotary in machine.rotary])
     minutes = np.maximum((np.abs(turn) / speeds).max(axis=1), machine.block_time_ms / 60000.0)
-    feed = np.minimum(wanted * low / fastest, low / minutes)
-    feed = np.clip(feed, min(max(1.0, FEED_FLOOR * wanted), machine.max_feed_mm_min), machine.max_feed_mm_min)
+    feed = np.maximum(wanted * low / fastest, FEED_FLOOR * wanted)
+    feed = np.minimum(np.minimum(feed, low / minutes), machine.max_feed_mm_min)
+    feed = np.maximum(feed, LEAST_FEED)
     return np.concatenate([feed[:1], feed])
 
 

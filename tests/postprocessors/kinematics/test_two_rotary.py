@@ -141,7 +141,7 @@ def test_a_change_of_solution_never_happens_off_the_pole() -> None:
     machine = make({"vector": (0, 0, 1)}, {"vector": (1, 0, 0), "range_deg": (-10.0, 30.0)})
     tilt = np.radians(np.linspace(-25.0, 25.0, 51))
     through = np.stack([np.zeros(51), -np.sin(tilt), np.cos(tilt)], axis=1)
-    with pytest.raises(PostError, match="sweep 2, pose .* without unwinding"):
+    with pytest.raises(PostError, match=r"sweep 2, pose .* without unwinding"):
         choose_words(machine, [Run("sweep 2", through)])
     # Past the pole at a distance C turns by half a turn in many steps instead.
     near = np.stack([np.full(51, 0.02), -np.sin(tilt), np.cos(tilt)], axis=1)

@@ -1,0 +1,265 @@
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_lsq_spline
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation, Slerp
+
+from conflank_cli.errors import InputError
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.job import parse_job
+from conflank_cli.motion import Motion, uniform_knots
+from conflank_cli.posting import machine_of, plan_to_toolpath, post_program, stretch_seconds
+from conflank_cli.scene import Scene
+from conflank_cli.sweep import Sweep
+from conflank_cli.tool import CATALOGUE
+from postprocessors.machines import machine as machines
+from postprocessors.machines.machine import load_machine
+from postprocessors.toolpath import Purpose, Stretch, ToolPath
+
+JOB = """
+[part]
+file = "plate.step"
+[[part.design]]
+face = 4
+[tools]
+use = ["T1", "T3"]
+"""
+SQUARE = (np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),)
+CLAMPED = np.array([0.0, 0.0, 1.0, 1.0])
+
+
+def scene_of(extra: str = "", check: np.ndarray | None = None) -> Scene:
+    """A plane x = 0 (y 0 .. 60, z 0 .. 30) with the metal at x > 0: the cutter works from the west."""
+    job = parse_job((JOB + extra).encode(), "job.toml", Path())
+    poles = np.array([[[0.0, y, z] for z in (0.0, 30.0)] for y in (0.0, 60.0)])
+    face = DesignFace(4, "", BSplineSurface(1, 1, CLAMPED, CLAMPED, poles), SQUARE, -1)
+    vertices = np.zeros((0, 3)) if check is None else check
+    mesh = CheckMesh(vertices, np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32))
+    return Scene(job, "plate", (face,), (CATALOGUE["T1"], CATALOGUE["T3"]), mesh, {})
+
+
+def motion_of(tip: np.ndarray, axis: np.ndarray, tool: str, count: int = 14) -> Motion:
+    """A motion fitted to tips and axes (N, 3) at even times."""
+    t = np.linspace(0.0, 1.0, len(tip))
+    height = CATALOGUE[tool].tip_height
+    p = tip - height * axis
+    q = p + CATALOGUE[tool].length * axis
+    knots = uniform_knots(count)
+    fit = make_lsq_spline(t, np.hstack([p, q]), knots).c
+    return Motion(knots, np.ascontiguousarray(fit[:, :3]), np.ascontiguousarray(fit[:, 3:]))
+
+
+def twisted(tool: str = "T1", tilt: float = 0.6) -> Sweep:
+    t = np.linspace(0.0, 1.0, 300)
+    tip = np.stack([-3.0 - 4.0 * np.sin(2.0 * t), 60.0 * t, 2.0 + 6.0 * t**2], axis=1)
+    lean, turn = tilt + 0.3 * t, 2.5 * t
+    axis = np.stack([-np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), np.cos(lean)], axis=1)
+    return Sweep(0, tool, motion_of(tip, axis, tool))
+
+
+def upright(northward: bool = True) -> Sweep:
+    """The cone tangent to the plane x = 0 with its axis leaned west by its half angle, driven along y."""
+    tool = CATALOGUE["T1"]
+    t = np.linspace(0.0, 1.0, 50)
+    axis = np.tile([-np.sin(tool.half_angle), 0.0, np.cos(tool.half_angle)], (50, 1))
+    p = np.stack([np.full(50, -tool.r_min * np.cos(tool.half_angle)), 60.0 * t, np.full(50, 2.0)], axis=1)
+    tip = p + tool.tip_height * axis
+    return Sweep(0, "T1", motion_of(tip if northward else tip[::-1], axis, "T1"))
+
+
+def stretches_of(path: ToolPath, purpose: Purpose) -> list[Stretch]:
+    return [s for operation in path.operations for s in operation.stretches if s.purpose is purpose]
+
+
+AC = load_machine("ac-table")
+
+
+def pose_distance(tool: str, motion: Motion, tip: np.ndarray, axis: np.ndarray) -> float:
+    """Largest distance (mm), at the tip or at r_max, of poses (N, 3) from the exact motion's nearest pose."""
+    cutter = CATALOGUE[tool]
+    reach = cutter.length - cutter.tip_height
+    p, q = motion.ends(np.linspace(0.0, 1.0, 20001))
+    d = (q - p) / np.linalg.norm(q - p, axis=1, keepdims=True)
+    low = 0.5 * (p + q) - (0.5 * cutter.length - cutter.tip_height) * d
+    exact = np.hstack([low, low + reach * d])
+    posted = np.hstack([tip, tip + reach * axis])
+    nearest = cKDTree(exact).query(posted)[1]
+    worst = np.full(len(tip), np.inf)
+    for neighbour in (nearest - 1, nearest):
+        start = np.clip(neighbour, 0, len(exact) - 2)
+        chord = exact[start + 1] - exact[start]
+        share = np.clip(((posted - exact[start]) * chord).sum(1) / (chord * chord).sum(1), 0.0, 1.0)[:, None]
+        error = posted - exact[start] - share * chord
+        ends = np.maximum(np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1))
+        worst = np.minimum(worst, ends)
+    return float(worst.max())
+
+
+@pytest.mark.parametrize("setup", ["", "[setup]\nrotate_deg = [20.0, -35.0, 110.0]\ntranslate = [5.0, -40.0, 12.5]\n"])
+@pytest.mark.parametrize(("tool", "tilt"), [("T1", 0.6), ("T3", 0.25)])
+def test_the_printed_program_stays_within_half_a_micrometre(setup: str, tool: str, tilt: float) -> None:
+    """Numbers read from the text, interpolated by SciPy's Slerp and by words, against the motion itself."""
+    sweep = twisted(tool, tilt)
+    text, path = post_program(scene_of(setup), [sweep])
+    rotation, shift = np.eye(3), np.zeros(3)
+    if setup:
+        a, b, c = np.radians([20.0, -35.0, 110.0])
+        about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+        about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+        about_z = np.array([[np.cos(c), -np.sin(c), 0], [np.sin(c), np.cos(c), 0], [0, 0, 1]])
+        rotation, shift = about_x @ about_y @ about_z, np.array([5.0, -40.0, 12.5])
+        assert "; FRAME ROTATE 20 -35 110 TRANSLATE 5 -40 12.5\r\n" in text
+    else:
+        assert "; FRAME CAD\r\n" in text
+    before, _, after = text.partition("; SWEEP 1\r\n")
+    lines = [before.splitlines()[-2], *after.partition("; RETRACT")[0].splitlines()]
+    numbers = re.findall(r"L X(\S+) Y(\S+) Z(\S+) A(\S+) C(\S+)", "\n".join(lines))
+    block = np.array(numbers, dtype=np.float64)
+    assert len(block) == len(stretches_of(path, Purpose.SWEEP)[0].tip)
+    words = np.stack([block[:, 3], np.degrees(np.unwrap(np.radians(block[:, 4])))], axis=1)
+    share = np.linspace(0.0, 1.0, 21)
+    place = (np.arange(len(block) - 1)[:, None] + share).ravel()
+    at = np.arange(len(block), dtype=np.float64)
+    tip = np.stack([np.interp(place, at, block[:, column]) for column in range(3)], axis=1)
+    table = Rotation.from_euler("ZX", words[:, ::-1], degrees=True)
+    fine = np.stack([np.interp(place, at, words[:, column]) for column in (1, 0)], axis=1)
+    by_words = Rotation.from_euler("ZX", fine, degrees=True).apply([0.0, 0.0, 1.0])
+    ends = table.apply([0.0, 0.0, 1.0])
+    # The least rotation from each axis to the next, so that Slerp moves the axis on the great circle.
+    by_circle = np.empty_like(tip)
+    for index in range(len(ends) - 1):
+        cross = np.cross(ends[index], ends[index + 1])
+        turn = Rotation.from_rotvec(cross / np.linalg.norm(cross) * np.arcsin(np.linalg.norm(cross)))
+        path_of_axis = Slerp([0.0, 1.0], Rotation.concatenate([Rotation.identity(), turn]))
+        by_circle[index * 21 : index * 21 + 21] = path_of_axis(share).apply(ends[index])
+    for axis in (by_words, by_circle):
+        error = pose_distance(tool, sweep.motion, (tip - shift) @ rotation, axis @ rotation)
+        assert error < 0.5e-3
+    # Too many blocks would pass as well; the budget has to be used.
+    assert error > 0.2e-3
+
+
+def test_an_arc_gets_the_blocks_its_sagitta_asks_for() -> None:
+    radius, t = 80.0, np.linspace(0.0, 1.0, 400)
+    tip = np.stack([radius * np.cos(0.8 * t) - radius, radius * np.sin(0.8 * t), np.full(400, 3.0)], axis=1)
+    sweep = Sweep(0, "T1", motion_of(tip, np.tile([0.0, 0.0, 1.0], (400, 1)), "T1", 20))
+    blocks = len(stretches_of(plan_to_toolpath(scene_of(), [sweep], AC), Purpose.SWEEP)[0].tip) - 1
+    needed = 0.8 * radius / np.sqrt(8.0 * radius * 0.3e-3)
+    assert needed <= blocks <= 1.05 * needed + 1
+
+
+def test_a_straight_sweep_is_one_block() -> None:
+    path = plan_to_toolpath(scene_of(), [upright()], AC)
+    assert len(stretches_of(path, Purpose.SWEEP)[0].tip) == 2
+
+
+@pytest.mark.parametrize("northward", [True, False])
+@pytest.mark.parametrize("cutting", ["climb", "conventional"])
+def test_teeth_run_against_the_feed_when_climbing(northward: bool, cutting: str) -> None:
+    """A tooth at the contact is turned by the spindle (clockwise from above) and its step compared with the feed."""
+    path = plan_to_toolpath(scene_of(f'[program]\ncutting = "{cutting}"\n'), [upright(northward)], AC)
+    sweep = stretches_of(path, Purpose.SWEEP)[0]
+    feed = sweep.tip[-1] - sweep.tip[0]
+    centre = sweep.tip[0] + 12.0 * sweep.axis[0]
+    tooth = np.array([0.0, centre[1], centre[2]]) - centre
+    tooth_step = Rotation.from_rotvec(-0.01 * sweep.axis[0]).apply(tooth) - tooth
+    assert (tooth_step @ feed < 0.0) == (cutting == "climb")
+    # With the metal east of an upright tool, climb milling runs north.
+    assert (feed[1] > 0.0) == (cutting == "climb")
+
+
+def test_approach_comes_from_outside_along_the_axis_and_off_the_face() -> None:
+    obstacle = np.array([[40.0, 30.0, 15.0], [-40.0, 30.0, 90.0]])
+    scene = scene_of("[program]\nsafe = {clearance = 7.0}\n", obstacle)
+    path = plan_to_toolpath(scene, [twisted()], AC)
+    approach, sweep, retract = (stretches_of(path, p)[0] for p in (Purpose.APPROACH, Purpose.SWEEP, Purpose.RETRACT))
+    corners = np.vstack([obstacle, [[0.0, y, z] for y in (0.0, 60.0) for z in (0.0, 30.0)]])
+    for link, pose in ((approach, 0), (retract, -1)):
+        tip = link.tip if link is approach else link.tip[::-1]
+        axis = sweep.axis[pose]
+        np.testing.assert_allclose(link.axis, np.tile(axis, (3, 1)), atol=1e-15)
+        np.testing.assert_allclose(tip[2], sweep.tip[pose], atol=1e-12)
+        # Everything lies at least the clearance below the plane where the tool waits.
+        assert ((tip[0] - corners) @ axis).min() >= 7.0 - 1e-9
+        np.testing.assert_allclose(np.cross(tip[0] - tip[1], axis), 0.0, atol=1e-9)
+        assert np.linalg.norm(tip[1] - tip[2]) == pytest.approx(7.0)
+        assert abs((tip[1] - tip[2]) @ axis) < 1e-9
+        assert tip[1, 0] < tip[2, 0]
+    assert approach.feed[0] == 0.0 and retract.feed[-1] == 0.0 and approach.feed[2] > 0.0
+
+
+def test_the_fastest_point_of_the_flute_has_the_tools_feed() -> None:
+    sweep = stretches_of(plan_to_toolpath(scene_of(), [twisted()], AC), Purpose.SWEEP)[0]
+    tool = CATALOGUE["T1"]
+    heights = np.linspace(0.0, tool.length - tool.tip_height, 40)
+    steps = np.stack([np.linalg.norm(np.diff(sweep.tip + h * sweep.axis, axis=0), axis=1) for h in heights])
+    minutes = steps[0] / sweep.feed[1:]
+    np.testing.assert_allclose((steps / minutes).max(axis=0), tool.feed_mm_min, rtol=1e-9)
+    assert stretch_seconds(sweep, 10000.0) == pytest.approx(60.0 * minutes.sum())
+
+
+def test_rotary_speed_limits_the_feed() -> None:
+    slow = replace_speed(20.0)
+    sweep = stretches_of(plan_to_toolpath(scene_of(), [twisted()], slow), Purpose.SWEEP)[0]
+    azimuth = np.unwrap(np.arctan2(sweep.axis[:, 0], -sweep.axis[:, 1]))
+    minutes = np.linalg.norm(np.diff(sweep.tip, axis=0), axis=1) / sweep.feed[1:]
+    rate = np.degrees(np.abs(np.diff(azimuth))) / minutes
+    assert rate.max() < 20.0 * 1.001
+    assert np.median(rate) > 19.9
+
+
+def replace_speed(speed: float) -> machines.Machine:
+    text = (Path(machines.__file__).parent / "ac-table.toml").read_text("utf-8")
+    return machines.parse_machine(text.replace("18000.0", str(speed)), "slow.toml")
+
+
+def test_sweeps_keep_their_order_and_tools_change_only_where_needed() -> None:
+    text, path = post_program(scene_of(), [twisted("T1"), upright(), twisted("T3"), twisted("T1")])
+    assert [operation.cutter.name for operation in path.operations] == ["T1", "T3", "T1"]
+    assert re.findall(r"; SWEEP (\d)", text) == ["1", "2", "3", "4"]
+    assert re.findall(r"TOOL CALL (\d)", text) == ["1", "3", "1"]
+    assert "; PART plate FACE 4\r\n" in text
+    assert post_program(scene_of(), [twisted("T1"), upright(), twisted("T3"), twisted("T1")])[0] == text
+
+
+def test_near_the_pole_blocks_get_short_only_there() -> None:
+    t = np.linspace(0.0, 1.0, 300)
+    tip = np.stack([np.full(300, -3.0), 60.0 * t, np.full(300, 2.0)], axis=1)
+    axis = np.stack([np.full(300, 0.002), 0.4 * t - 0.2, np.ones(300)], axis=1)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    path = plan_to_toolpath(scene_of(), [Sweep(0, "T1", motion_of(tip, axis, "T1"))], AC)
+    blocks = np.diff(stretches_of(path, Purpose.SWEEP)[0].tip[:, 1])
+    assert np.median(np.abs(blocks)) < np.abs(blocks[[0, -1]]).min()
+    assert len(blocks) < 1500
+
+
+def test_a_machine_file_travels_with_the_job(tmp_path: Path) -> None:
+    text = (Path(machines.__file__).parent / "ac-table.toml").read_text("utf-8")
+    (tmp_path / "mine.toml").write_text(text.replace('name = "ac-table"', 'name = "mine"'), "utf-8")
+    job = parse_job((JOB + '[machine]\nfile = "mine.toml"\n').encode(), "job.toml", tmp_path)
+    (tmp_path / "mine.toml").unlink()
+    assert machine_of(job).name == "mine"
+
+
+def test_bad_plans_are_named() -> None:
+    with pytest.raises(InputError, match="no sweep"):
+        post_program(scene_of(), [])
+    with pytest.raises(InputError, match=r"sweep 2.*T9"):
+        post_program(scene_of(), [upright(), replace(upright(), tool="T9")])
+    with pytest.raises(InputError, match=r"sweep 1.*face 3"):
+        post_program(scene_of(), [replace(upright(), face=3)])
+    with pytest.raises(InputError, match=r"sweep 1, pose 1: found .*expected A -120 .. 30"):
+        post_program(scene_of("[setup]\nrotate_deg = [180.0, 0.0, 0.0]\n"), [upright()])
+    with pytest.raises(InputError, match="hs9"):
+        post_program(scene_of('[machine]\nname = "hs9"\n'), [upright()])
+
+
+def test_a_blank_is_never_too_thin() -> None:
+    path = plan_to_toolpath(scene_of(), [upright()], AC)
+    size = np.subtract(path.blank_high, path.blank_low)
+    assert size.min() >= 1.0 and size.max() / size.min() < 200.0
