@@ -35,7 +35,8 @@ class Limit(NamedTuple):
 
 _POSITIVE = Limit(lambda x: x > 0, "a number > 0")
 _NOT_NEGATIVE = Limit(lambda x: x >= 0, "a number >= 0")
-_FRACTION = Limit(lambda x: 0 <= x <= 1, "a number from 0 to 1")
+# Past 0 and 1 a region runs across the seam of a face that goes all the way round; the reader knows whether it does.
+_FRACTION = Limit(lambda x: -1 <= x <= 2, "a number from 0 to 1 (from -1 to 2 across a seam)")
 _SHARE = Limit(lambda x: 0 < x <= 1, "a number > 0 and <= 1")
 _COUNT = Limit(lambda x: x >= 1, "a whole number >= 1")
 _INDEX = Limit(lambda x: x >= 0, "a whole number >= 0")
@@ -58,7 +59,8 @@ Diameter = Positive | tuple[Positive, Positive]
 class Design(Struct, frozen=True, forbid_unknown_fields=True):
     """One design face: its number or name, the side the cutter works on, and the region of it to machine.
 
-    region is (u0, u1, v0, v1) as fractions of the trimmed face's parameter box; u0 > u1 or v0 > v1 wraps at a seam.
+    region is (u0, u1, v0, v1) as fractions of the trimmed face's parameter box; on a face that goes all the way round,
+    u0 > u1 or v0 > v1 wraps at the seam, and so do fractions past 0 and 1.
     """
 
     face: Index | str

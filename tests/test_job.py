@@ -185,7 +185,7 @@ BAD = [
     (LEAST.replace("face = 0", "face = -1"), "[[part.design]] 0 face", "-1", ">= 0"),
     (LEAST.replace("face = 0", 'face = 0\nside = "left"'), "[[part.design]] 0 side", "'left'", "'outside', 'inside'"),
     (LEAST.replace("face = 0", "face = 0\nregion = [0, 0, 0, 1]"), "[[part.design]] 0 region", "empty", "u0 != u1"),
-    (LEAST.replace("face = 0", "face = 0\nregion = [0, 2, 0, 1]"), "[[part.design]] 0 region[1]", "2", "0 to 1"),
+    (LEAST.replace("face = 0", "face = 0\nregion = [0, 3, 0, 1]"), "[[part.design]] 0 region[1]", "3", "0 to 1"),
     (LEAST.replace("face = 0", "face = 0\nsides = 0"), "[[part.design]] 0 sides", "unknown key", "side"),
     (LEAST.replace('"blade.step"', '""'), "[part] file", "''", "at least one"),
     (LEAST.replace("[part]", '[part]\ncheck_faces = "all"'), "[part] check_faces", "'all'", "'rest', 'none'"),

@@ -44,6 +44,7 @@ MAKERS: Mapping[str, str] = {"candidates": "detect", "motions": "optimize", "pla
 SCHEMA_VERSION = 1
 UNITS: Mapping[str, str] = {"length": "mm", "angle": "rad"}
 # The zip format cannot hold an earlier date; any fixed one makes equal inputs give equal bytes.
+_ZIP_MAGIC = b"PK\x03\x04"
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 
 
@@ -252,6 +253,12 @@ def decode_artifact(
     return kind, scene, _sweeps(document.sweeps, arrays), document.summary
 
 
+def document_text(data: bytes, where: str) -> str:
+    """The JSON document of an artifact as it stands in the file, after all checks."""
+    decode_artifact(data, where)
+    return str(_load_arrays(data, where, None)["meta"].tobytes().decode("utf-8"))
+
+
 # --- writing --------------------------------------------------------------------------------------------------------
 
 
@@ -328,19 +335,15 @@ def _load_arrays(data: bytes, where: str, expected: Kind | None) -> dict[str, np
     if not data:
         next_step = f"Run conflank {MAKERS[expected]} first." if expected else "Run the stage that makes it first."
         raise InputError(where, "nothing", _wanted(expected), next_step)
+    next_step = f"Run conflank {MAKERS[expected]} to make one." if expected else "Run the stage that makes it again."
+    if not data.startswith(_ZIP_MAGIC):
+        raise InputError(where, "a file of another type", _wanted(expected), next_step)
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("a single array")
             return {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        reason = "a truncated or damaged file" if data[:2] == b"PK" else "a file of another type"
-        raise InputError(
-            where,
-            f"{reason} ({str(error).splitlines()[0] if str(error) else type(error).__name__})",
-            _wanted(expected),
-            "Run the stage that makes it again." if not expected else f"Run conflank {MAKERS[expected]} to make one.",
-        ) from None
+    except (ValueError, OSError, EOFError, KeyError, NotImplementedError, RuntimeError, zipfile.BadZipFile) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(where, f"a truncated or damaged file ({reason})", _wanted(expected), next_step) from None
 
 
 def _check_schema(arrays: Mapping[str, npt.NDArray[Any]], where: str, expected: Kind | None) -> Kind:

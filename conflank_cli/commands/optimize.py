@@ -14,8 +14,9 @@ from conflank_cli.options import Talk
 @options.job_override("[tolerance], [optimization] and all tables after it")
 @options.common
 def optimize(source: str, output: str, job_file: str | None, talk: Talk) -> None:
-    """Fit the motion of each candidate so that the cutter's envelope is the face.
+    """Fit the motions of candidates to the face.
 
+    The envelope of the moving cutter becomes the face, as nearly as a cone can cut it.
     CANDIDATES is what conflank detect writes.
     """
     from conflank_cli.artifacts import read_artifact, write_artifact

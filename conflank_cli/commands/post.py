@@ -14,7 +14,7 @@ from conflank_cli.options import Talk
 @options.job_override("[setup], [machine] and [program]")
 @options.common
 def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
-    """Write the program for the machine and control of the job.
+    """Write the program for the job's machine.
 
     PLAN is what conflank select writes. A program that the control or the machine cannot execute is not written.
     """

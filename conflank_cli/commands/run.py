@@ -29,7 +29,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
     from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
-    from conflank_cli.commands.tables import cut_table
+    from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.output import check_output, write_output
     from conflank_cli.posting import machine_of, post_program
@@ -61,7 +61,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         encode_artifact("motions", scene, motions, motions_summary),
         encode_artifact("plan", scene, plan, plan_summary),
         text,
-        verification.text,
+        verification.to_json().decode(),
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -70,9 +70,9 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     for name, content in zip(names, contents, strict=True):
         write_output(content, out / name, inputs)
 
-    talk.note(cut_table(verification.facts))
-    talk.note(f"program    {out / program}\ncomputed   {time.perf_counter() - start:.1f} s")
+    talk.note(judgement(verification))
+    talk.note(f"program       {out / program}\ncomputed in   {time.perf_counter() - start:.1f} s")
     if as_json:
-        summary = {"files": [str(out / name) for name in names], "verification": verification.facts}
+        summary = {"files": [str(out / name) for name in names], "verification": verification}
         click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
-    return EXIT_FINDINGS if verification.facts["findings"] else EXIT_DONE
+    return EXIT_FINDINGS if verification.findings else EXIT_DONE

@@ -10,6 +10,7 @@ from conflank_cli.errors import NumericalError
 from conflank_cli.options import Talk
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
+from conflank_cli.verification.result import Verification
 
 
 def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
@@ -73,6 +74,18 @@ def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[
             "Widen [tolerance] overcut and undercut, or try other tools.",
         )
     return plan, _counts(scene, plan) | summary
+
+
+def run_verify(program: bytes, name: str, scene: Scene, talk: Talk) -> Verification:
+    """The judgement of a program, ours or foreign."""
+    from conflank_cli.verification.verify import verify_program
+
+    # Whatever bytes a foreign program's comments hold, the hash must be that of the file.
+    text = program.decode("utf-8", "surrogateescape")
+    with talk.timed("verify"), talk.progress.stage("verify", 1) as stage:
+        verification = verify_program(text, scene, name)
+        stage.advance()
+    return verification
 
 
 def _counts(scene: Scene, sweeps: Sequence[Sweep]) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from conflank_cli import options
@@ -28,18 +30,18 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
     from conflank_cli.commands.stages import run_verify
-    from conflank_cli.commands.tables import cut_table
+    from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
     from conflank_cli.output import STANDARD, check_output, write_output
 
     if output is None:
         output = STANDARD if source == STANDARD else f"{source}.verification.json"
     job, folder = read_job(job_file)
-    inputs = [source, *files_of(job_file, job, folder)]
+    inputs: list[str | Path] = [source, *files_of(job_file, job, folder)]
     check_output(output, inputs)
     name, program = read_source(source)
     scene = load_scene(job, folder)
     verification = run_verify(program, name, scene, talk)
-    write_output(verification.text, output, inputs)
-    talk.note(cut_table(verification.facts))
-    return EXIT_FINDINGS if verification.facts["findings"] else EXIT_DONE
+    write_output(verification.to_json().decode(), output, inputs)
+    talk.note(judgement(verification))
+    return EXIT_FINDINGS if verification.findings else EXIT_DONE

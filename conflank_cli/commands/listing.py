@@ -1,0 +1,66 @@
+"""What `conflank inspect` prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from conflank_cli.artifacts.npz import decode_artifact, document_text, read_source
+from conflank_cli.cad.inspection import FaceReport, describe
+from conflank_cli.cad.reader import read_part
+from conflank_cli.commands.tables import cell_text, text_table
+
+
+def list_artifact(source: str, as_json: bool) -> str:
+    """An artifact as tables of its faces, tools and sweeps, or its JSON document."""
+    where, data = read_source(source)
+    if as_json:
+        return msgspec.json.format(document_text(data, where)) + "\n"
+    kind, scene, sweeps, summary = decode_artifact(data, where)
+    faces = [
+        (face.number, face.name, face.surface.degree_u, face.surface.degree_v, "x".join(map(str, shape[:2])))
+        for face, shape in ((face, face.surface.poles.shape) for face in scene.faces)
+    ]
+    tools = [(tool.name, tool.number, tool.r_min, tool.r_max, tool.length) for tool in scene.tools]
+    names = list(dict.fromkeys(name for sweep in sweeps for name in sweep.facts))
+    cuts = [
+        (k, scene.faces[sweep.face].number, sweep.tool, len(sweep.motion.p), *map(sweep.facts.get, names))
+        for k, sweep in enumerate(sweeps, start=1)
+    ]
+    parts = [
+        f"{kind} of {scene.part_name}, {len(sweeps)} sweeps\n",
+        text_table(["face", "<name", "degree u", "degree v", "net"], faces),
+        text_table(["<tool", "number", "r_min mm", "r_max mm", "length mm"], tools),
+        text_table(["sweep", "face", "<tool", "controls", *names], cuts),
+        "".join(f"{name}: {cell_text(value)}\n" for name, value in summary.items() if not isinstance(value, dict)),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def list_part(source: str, as_json: bool) -> str:
+    """The faces of a part as a table or JSON."""
+    part = read_part(Path(source))
+    reports = describe(part)
+    if as_json:
+        content = {"file": part.file, "sha256": part.sha256, "units": {"length": "mm"}, "faces": reports}
+        return msgspec.json.format(msgspec.json.encode(content)).decode() + "\n"
+    columns = ["face", "<name", "<type", "degree", "net", "area mm²", "size mm", "curvature 1/mm", "<outside"]
+    rows = [_face_row(report) for report in reports]
+    problems = [f"face {report.number}: {report.problem}\n" for report in reports if report.problem]
+    return f"{part.file}: {len(reports)} faces\n\n" + text_table(columns, rows) + "".join(problems)
+
+
+def _face_row(report: FaceReport) -> tuple[object, ...]:
+    head = (report.number, report.name or report.colour, report.kind)
+    if report.problem or report.size is None or report.curvature is None:
+        return (*head, None, None, report.area, None, None, "unknown")
+    return (
+        *head,
+        f"{report.degree_u}x{report.degree_v}",
+        f"{report.poles_u}x{report.poles_v}" + (" rational" if report.rational else ""),
+        report.area,
+        " x ".join(f"{length:.2f}" for length in report.size),
+        f"{report.curvature.low:+.4f} .. {report.curvature.high:+.4f}",
+        f"{report.outside} SuxSv" if report.outside_known else "unknown",
+    )

@@ -1,0 +1,71 @@
+"""Tables for people: plain text from rich, as wide as the terminal or as their content."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from conflank_cli.verification.result import CutFigures, Verification
+
+# Where nobody looks at a terminal a table may be as wide as it likes.
+_WIDE = 200
+
+
+def text_table(columns: Sequence[str], rows: Sequence[Sequence[object]], title: str = "") -> str:
+    """Rows under headings, as text; a heading that starts with "<" is for text, all others for numbers on the right."""
+    table = Table(box=SIMPLE_HEAD, title=title or None, title_justify="left", title_style="", pad_edge=False)
+    for column in columns:
+        table.add_column(column.removeprefix("<"), justify="left" if column.startswith("<") else "right")
+    for row in rows:
+        table.add_row(*(cell_text(cell) for cell in row))
+    width = shutil.get_terminal_size().columns if sys.stderr.isatty() or sys.stdout.isatty() else _WIDE
+    buffer = io.StringIO()
+    # Markup off: a face called "[/b]" is a name, not a command.
+    Console(file=buffer, width=width, markup=False, emoji=False, highlight=False).print(table)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines() if line.strip()) + "\n"
+
+
+def cell_text(value: object) -> str:
+    """A value as a cell: at most two decimals, and a dash for what is not known."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.2f}"
+    if isinstance(value, list | tuple):
+        return " ".join(cell_text(item) for item in value)
+    return str(value)
+
+
+def judgement(verification: Verification) -> str:
+    """What a program cuts, as a table of its cuts and a few lines below it."""
+    columns = ["cut", "<tool", "length mm", "covered mm²", "gap min µm", "mean µm", "max µm", "time s"]
+    rows = [_cut_row("sweep", cut) for cut in verification.sweeps] + [
+        _cut_row("pass", cut) for cut in verification.passes
+    ]
+    stock = verification.stock_max_um
+    mean = verification.gap_um.mean_abs
+    lines = [
+        ("coverage", f"{100.0 * verification.coverage:.2f} %"),
+        ("gap", "-" if mean is None else f"{mean:.2f} µm in the mean over the covered area"),
+        ("overcut", f"{verification.overcut_max_um:.2f} µm at most"),
+        ("stock", "-" if stock is None else f"{stock:.1f} µm at most"),
+        ("time", f"{verification.time_s / 60.0:.1f} min"),
+        ("findings", str(len(verification.findings)) if verification.findings else "none"),
+    ]
+    text = text_table(columns, rows) if rows else ""
+    text += "\n" + "".join(f"{name:<13} {value}\n" for name, value in lines)
+    text += "".join(f"  {finding.title}: {finding.text}\n" for finding in verification.findings)
+    return text.rstrip("\n")
+
+
+def _cut_row(kind: str, cut: CutFigures) -> tuple[object, ...]:
+    gaps = (cut.gap_min_um, cut.gap_mean_abs_um, cut.gap_max_um)
+    return (f"{kind} {cut.number}", cut.tool, cut.length_mm, cut.covered_mm2, *gaps, cut.time_s)
