@@ -173,18 +173,16 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     tools = {tool.name: tool for tool in scene.tools}
     frame = Frame.of(scene.job.setup)
     program = scene.job.program
-    hull = frame.points(_hull(scene))
+    projectors = [Projector.of(face.surface) for face in scene.faces]
+    hull = frame.points(_hull(scene, projectors))
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
-    projectors: dict[int, Projector] = {}
     rides, ends = [], []
     for number, sweep in enumerate(sweeps, start=1):
         if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
             found = f"tool {sweep.tool}, face {sweep.face}"
             raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
-        if sweep.face not in projectors:
-            projectors[sweep.face] = Projector.of(scene.faces[sweep.face].surface)
         ride = Ride(sweep.motion, tools[sweep.tool], frame)
         away = away_directions(ride, projectors[sweep.face], scene.faces[sweep.face].sense)
         if program.cutting != "both" and is_climb(ride, away) != (program.cutting == "climb"):
@@ -441,16 +439,16 @@ class _SafePlane:
         return np.stack([beside + lift * axis, beside, tip])
 
 
-def _hull(scene: Scene) -> Array:
+def _hull(scene: Scene, projectors: Sequence[Projector]) -> Array:
     """Points that stand for all geometry of the scene, CAD frame, (N, 3)."""
     points = [scene.check.vertices.reshape(-1, 3)]
-    for face in scene.faces:
+    for face, projector in zip(scene.faces, projectors, strict=True):
         border = np.vstack(face.loops)
         u = np.linspace(border[:, 0].min(), border[:, 0].max(), HULL_SAMPLES)
         v = np.linspace(border[:, 1].min(), border[:, 1].max(), HULL_SAMPLES)
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         places = np.vstack([border, grid])
-        points.append(Projector.of(face.surface).evaluate(places[:, 0], places[:, 1])[:, 0])
+        points.append(projector.evaluate(places[:, 0], places[:, 1])[:, 0])
     return np.vstack(points)
 
 
