@@ -36,3 +36,19 @@ class Motion:
         """Points p(t) and q(t), or their derivatives of the given order, each shape (len(t), 3)."""
         both = BSpline(self.knots, np.hstack([self.p, self.q]), DEGREE)(np.asarray(t, dtype=np.float64), nu=order)
         return np.ascontiguousarray(both[..., :3]), np.ascontiguousarray(both[..., 3:])
+
+    def restricted(self, start: float, end: float) -> Motion:
+        """The same motion between two times, as a motion on [0, 1]: exact, by knot insertion."""
+        spline = BSpline(self.knots, np.hstack([self.p, self.q]), DEGREE)
+        for t in (start, end):
+            if 0.0 < t < 1.0:
+                present = int(np.sum(spline.t == t))
+                if present < DEGREE:
+                    spline = spline.insert_knot(t, DEGREE - present)
+        first = int(np.searchsorted(spline.t, start, side="right")) - DEGREE - 1
+        last = int(np.searchsorted(spline.t, end, side="left"))
+        inner = spline.t[(spline.t > start) & (spline.t < end)]
+        knots = np.concatenate([np.full(DEGREE + 1, start), inner, np.full(DEGREE + 1, end)])
+        control = spline.c[first:last]
+        scaled = (knots - start) / (end - start)
+        return Motion(scaled, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))

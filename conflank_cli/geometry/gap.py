@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, factorial, sin
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +27,9 @@ def motion_gap(motion: Motion, tool: Tool, points: Array, reach: float = REACH) 
     """
     breaks = np.unique(motion.knots)
     spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
-    width = breaks[1] - breaks[0]
+    width = np.diff(breaks)[:, None]
     polynomials = np.stack(
-        [spline(breaks[:-1], nu=order) * width**order / (1, 1, 2, 6)[order] for order in range(4)], axis=1
+        [spline(breaks[:-1], nu=order) * width**order / factorial(order) for order in range(DEGREE + 1)], axis=1
     )
     samples = max(int(np.ceil(travel(motion) / STEP)), 8)
     alpha = tool.half_angle

@@ -21,8 +21,10 @@ MAX_ITERATIONS = 40
 SAFELY_POSITIVE = 1.0e-6
 # Where it is not positive, its eigenvalues 1 - ρ κ are replaced by their moduli, and by no less than this.
 LEAST_MODULUS = 0.05
-# Squared sine of the angle between tangents below which they count as parallel or one of them as vanished (a pole).
+# Squared sine of the angle between tangents below which they count as parallel.
 PARALLEL = 1.0e-14
+# Squared ratio of tangents below which the shorter one is rounding: a pole, where its parameter has no say.
+VANISHED = 1.0e-26
 
 INTERIOR = 1  # the foot is a true orthogonal projection inside the box of the surface proper
 CLAMPED = 2  # the foot sits on the boundary of the domain searched; the residual is not along the normal there
@@ -146,19 +148,15 @@ def _line_step(gradient, second, metric):
     """Step along one parameter alone, and the size below which it is the last one."""
     if second > SAFELY_POSITIVE * metric:
         return -gradient / second, LAST_STEP * min(1.0, second / metric)
-    if metric > 0.0:
-        return -gradient / max(abs(second), LEAST_MODULUS * metric), LAST_LINEAR_STEP
-    return 0.0, LAST_STEP
+    return -gradient / max(abs(second), LEAST_MODULUS * metric), LAST_LINEAR_STEP
 
 
 @njit(error_model="numpy", fastmath=FAST, cache=True)
 def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
     """Step with the eigenvalues of the Hessian, relative to the metric, replaced by their moduli."""
     if not e * g - f * f > PARALLEL * e * g:
-        # Parallel tangents, or one that has vanished at a pole: each parameter for itself, the other half of its step.
-        da = -0.5 * ga / e if e > 0.0 else 0.0
-        db = -0.5 * gb / g if g > 0.0 else 0.0
-        return da, db
+        # Parallel tangents: half of each parameter's own step.
+        return -0.5 * ga / e, -0.5 * gb / g
     # Cholesky factors of the metric turn the Hessian into the symmetric matrix (p, q; q, r), the gradient into (x, y).
     l11 = np.sqrt(e)
     l21 = f / l11
@@ -233,8 +231,8 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         haa = e + rx * x[3] + ry * y[3] + rz * z[3]
         hab = f + rx * x[4] + ry * y[4] + rz * z[4]
         hbb = g + rx * x[5] + ry * y[5] + rz * z[5]
-        hold_u = (u <= u_low and ga > 0.0) or (u >= u_high and ga < 0.0)
-        hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0)
+        hold_u = (u <= u_low and ga > 0.0) or (u >= u_high and ga < 0.0) or e <= VANISHED * g
+        hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0) or g <= VANISHED * e
         da = 0.0
         db = 0.0
         last = LAST_STEP
@@ -293,7 +291,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
             ny = az * bx - ax * bz
             nz = ax * by - ay * bx
             tangents = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
-            if nx * nx + ny * ny + nz * nz <= PARALLEL * max(tangents[0], tangents[1]) ** 2:
+            if min(tangents[0], tangents[1]) <= VANISHED * max(tangents[0], tangents[1]):
                 # A pole: the tangent that vanishes is replaced by its derivative towards the inside.
                 if tangents[0] < tangents[1]:
                     side = -1.0 if v >= v_high else 1.0

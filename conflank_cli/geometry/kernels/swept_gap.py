@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from conflank_cli.geometry.kernels.footpoint import find_span
+
 # Golden section: 30 steps shrink the bracket by 5e-7, far below what a quadratic minimum can show.
 GOLDEN_STEPS = 30
 GOLDEN = 0.6180339887498949
@@ -43,10 +45,8 @@ def cutter_distance(x, y, z, px, py, pz, qx, qy, qz, r_min, slope_sin, slope_cos
 
 @njit(inline="always")
 def pose(polynomials, breaks, t, out):
-    """Axis ends at t: polynomials (spans, 4, 6) in the local parameter, breaks (spans + 1,); fills out (6,)."""
-    spans = breaks.shape[0] - 1
-    k = int(t * spans)
-    k = min(max(k, 0), spans - 1)
+    """Axis ends at t: polynomials (spans, 4, 6) in the span's local parameter, breaks (spans + 1,); fills out (6,)."""
+    k = find_span(breaks, t)
     x = (t - breaks[k]) / (breaks[k + 1] - breaks[k])
     for a in range(6):
         out[a] = ((polynomials[k, 3, a] * x + polynomials[k, 2, a]) * x + polynomials[k, 1, a]) * x + polynomials[
@@ -58,7 +58,7 @@ def pose(polynomials, breaks, t, out):
 def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
     """Swept gap of points over one motion.
 
-    polynomials, breaks: the motion on equal spans of [0, 1], as in `pose`. samples: number of equal steps of the first look.
+    polynomials, breaks: the motion as in `pose`. samples: number of equal steps of the first look.
     points (N, 3). reach: distances above this many mm are not refined. cutter (6,): r_min, sin α, cos α, length, ball centre
     height, ball radius. Fills gap (N,) mm and time (N,) where the minimum is.
 
