@@ -1,0 +1,1 @@
+"""Reading parts and making the geometry that stages use."""
