@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
 from OCP.collections import Array1_double, Array1_int, Array2_double, Array2_gp_Pnt
 from OCP.Geom import Geom_BSplineSurface
 from OCP.gp import gp_Pnt
+from OCP.IFSelect import IFSelect_RetDone
+from OCP.Message import Message
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
 from conflank_cli.geometry.surface import BSplineSurface
 
@@ -32,3 +38,17 @@ def _knots(full: npt.NDArray[np.float64]) -> tuple[Array1_double, Array1_int]:
         knots.SetValue(k, float(value))
         multiplicities.SetValue(k, int(count))
     return knots, multiplicities
+
+
+def write_step(surface: BSplineSurface, path: Path) -> None:
+    """Write the untrimmed surface as one face of a STEP file, oriented along S_u x S_v.
+
+    Raises
+    ------
+    RuntimeError: Open CASCADE refused.
+    """
+    Message.DefaultMessenger_s().ChangePrinters().Clear()
+    face = BRepBuilderAPI_MakeFace(occ_surface(surface), 1e-7).Face()
+    writer = STEPControl_Writer()
+    if writer.Transfer(face, STEPControl_AsIs) != IFSelect_RetDone or writer.Write(str(path)) != IFSelect_RetDone:
+        raise RuntimeError(f"{path}: Open CASCADE could not write the STEP file.")
