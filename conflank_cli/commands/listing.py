@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from conflank_cli.artifacts.npz import decode_artifact, document_text, read_source
-from conflank_cli.cad.inspection import FaceReport, describe
-from conflank_cli.cad.reader import read_part
 from conflank_cli.commands.tables import cell_text, text_table
+
+if TYPE_CHECKING:
+    from conflank_cli.cad.inspection import FaceReport
 
 
 def list_artifact(source: str, as_json: bool) -> str:
@@ -40,6 +42,10 @@ def list_artifact(source: str, as_json: bool) -> str:
 
 def list_part(source: str, as_json: bool) -> str:
     """The faces of a part as a table or JSON."""
+    # What reads parts loads compiled kernels, which an artifact has no use for.
+    from conflank_cli.cad.inspection import describe
+    from conflank_cli.cad.reader import read_part
+
     part = read_part(Path(source))
     reports = describe(part)
     if as_json:

@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from conflank_cli.verification.result import CutFigures, Verification
+from conflank_cli.verification.result import CutFigures, Place, Verification
 
 # Where nobody looks at a terminal a table may be as wide as it likes.
 _WIDE = 200
@@ -55,8 +55,8 @@ def judgement(verification: Verification) -> str:
     lines = [
         ("coverage", f"{100.0 * verification.coverage:.2f} %"),
         ("gap", "-" if mean is None else f"{mean:.2f} µm in the mean over the covered area"),
-        ("overcut", f"{verification.overcut_max_um:.2f} µm at most"),
-        ("stock", "-" if stock is None else f"{stock:.1f} µm at most"),
+        ("overcut", f"{verification.overcut_max_um:.2f} µm at most{_where(verification.overcut_max_at)}"),
+        ("stock", "-" if stock is None else f"{stock:.2f} µm at most{_where(verification.stock_max_at)}"),
         ("time", f"{verification.time_s / 60.0:.1f} min"),
         ("findings", str(len(verification.findings)) if verification.findings else "none"),
     ]
@@ -64,6 +64,13 @@ def judgement(verification: Verification) -> str:
     text += "\n" + "".join(f"{name:<13} {value}\n" for name, value in lines)
     text += "".join(f"  {finding.title}: {finding.text}\n" for finding in verification.findings)
     return text.rstrip("\n")
+
+
+def _where(place: Place | None) -> str:
+    if place is None:
+        return ""
+    face = f"face {place.face}" if place.face >= 0 else "an obstacle"
+    return f", {face}" + ("" if place.block is None else f", block {place.block}")
 
 
 def _cut_row(kind: str, cut: CutFigures) -> tuple[object, ...]:

@@ -1,0 +1,436 @@
+"""The command line as a user and a shell see it: the pipeline, its files, its exit codes and its messages."""
+
+import json
+import os
+import pty
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from conflank_cli.cli import COMMANDS, cli
+
+# A hyperbolic paraboloid, 30 x 20 mm: ruled twice, so one sweep of a cone covers it within the tolerance.
+SADDLE = {
+    "faces": [
+        {
+            "name": "saddle",
+            "degree_u": 1,
+            "degree_v": 1,
+            "knots_u": [0, 0, 1, 1],
+            "knots_v": [0, 0, 1, 1],
+            "poles": [[[0, 0, 1.0], [0, 20, -1.0]], [[30, 0, -1.0], [30, 20, 1.0]]],
+            "outside": "along",
+        }
+    ]
+}
+JOB = """[part]
+file = "blade.json"
+[[part.design]]
+face = 0
+[tools]
+use = ["T1"]
+[detection]
+density = "quick"
+"""
+FILES = ["BLADE1.H", "BLADE1.H.verification.json", "candidates.npz", "motions.npz", "plan.npz"]
+
+
+def conflank(*arguments: str, cwd: Path, data: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
+    """Run the installed program as a shell would."""
+    command = [sys.executable, "-c", "from conflank_cli.cli import main; main()", *arguments]
+    return subprocess.run(command, cwd=cwd, input=data or b"", capture_output=True, timeout=120)
+
+
+def invoke(*arguments: str, data: bytes | None = None) -> Result:
+    """Run in this process, where a process of its own would prove nothing more."""
+    return CliRunner().invoke(cli, list(arguments), input=data)
+
+
+def write_job(folder: Path, job: str = JOB) -> Path:
+    (folder / "blade.json").write_text(json.dumps(SADDLE))
+    (folder / "job.toml").write_text(job)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a job and everything that `conflank run` makes of it in out/; what it printed in done.txt."""
+    folder = write_job(tmp_path_factory.mktemp("job"))
+    done = conflank("run", "job.toml", "--out", "out", cwd=folder)
+    (folder / "done.txt").write_bytes(done.stderr)
+    assert (done.returncode, done.stdout) == (0, b""), done.stderr.decode()
+    return folder
+
+
+# --- the pipeline ---------------------------------------------------------------------------------------------------
+
+
+def test_run_writes_its_files_and_a_table(finished: Path) -> None:
+    assert sorted(path.name for path in (finished / "out").iterdir()) == FILES
+    table = (finished / "done.txt").read_text("utf-8")
+    for word in ("sweep 1", "T1", "length mm", "covered mm²", "coverage", "findings      none", "out/BLADE1.H"):
+        assert word in table
+    verification = json.loads((finished / "out" / "BLADE1.H.verification.json").read_bytes())
+    assert verification["coverage"] >= 0.99
+    assert verification["overcut_max_um"] <= 10.0
+    assert verification["findings"] == []
+
+
+def test_the_shell_pipe_gives_the_bytes_of_run(finished: Path) -> None:
+    program = f'{shlex.quote(sys.executable)} -c "from conflank_cli.cli import main; main()"'
+    stages = f"{program} detect job.toml | tee c.npz | {program} optimize | tee m.npz | {program} select | tee p.npz"
+    subprocess.run(["bash", "-o", "pipefail", "-c", f"{stages} | {program} post > P.H"], cwd=finished, check=True)
+    for made, file in (("c", "candidates"), ("m", "motions"), ("p", "plan")):
+        assert (finished / f"{made}.npz").read_bytes() == (finished / "out" / f"{file}.npz").read_bytes(), file
+    assert (finished / "P.H").read_bytes() == (finished / "out" / "BLADE1.H").read_bytes()
+
+
+def test_equal_inputs_give_equal_bytes_however_called(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    job = finished / "job.toml"
+    result = invoke("detect", str(job), "-o", "candidates.npz", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+    assert Path("candidates.npz").read_bytes() == (finished / "out" / "candidates.npz").read_bytes()
+    monkeypatch.chdir(finished)
+    result = invoke("detect", "-", data=job.read_bytes())
+    assert result.stdout_bytes == (finished / "out" / "candidates.npz").read_bytes()
+
+
+def test_run_as_json_keeps_stdout_for_data(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished)
+    result = invoke("run", "job.toml", "--out", str(tmp_path / "deep" / "out"), "--json", "--quiet")
+    summary = json.loads(result.stdout)
+    assert result.stderr == ""
+    assert sorted(Path(name).name for name in summary["files"]) == FILES
+    assert summary["verification"]["program_sha256"]
+    for name in FILES:
+        assert (tmp_path / "deep" / "out" / name).read_bytes() == (finished / "out" / name).read_bytes(), name
+
+
+def test_verify_leaves_the_program_alone_and_findings_exit_1(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path / "BLADE1.H"
+    text = (finished / "out" / "BLADE1.H").read_bytes()
+    program.write_bytes(text)
+    result = invoke("verify", "BLADE1.H", "--job", str(finished / "job.toml"))
+    assert result.exit_code == 0, result.stderr
+    assert program.read_bytes() == text
+    # The verification of `run` and that of the program on its own say the same.
+    assert (tmp_path / "BLADE1.H.verification.json").read_bytes() == (
+        finished / "out" / "BLADE1.H.verification.json"
+    ).read_bytes()
+    # The same program against a blade that stands 0.1 mm higher cuts into it.
+    higher = json.loads(json.dumps(SADDLE))
+    for row in higher["faces"][0]["poles"]:
+        for pole in row:
+            pole[2] += 0.1
+    (tmp_path / "blade.json").write_text(json.dumps(higher))
+    (tmp_path / "job.toml").write_text(JOB)
+    result = invoke("verify", "BLADE1.H", "--job", "job.toml", "-o", "-")
+    assert result.exit_code == 1
+    verification = json.loads(result.stdout)
+    assert {"CF201", "CF202"} <= {finding["code"] for finding in verification["findings"]}
+    assert 95.0 < verification["overcut_max_um"] < 105.0
+    assert "CF201 gouge" in result.stderr
+
+
+def test_a_later_stage_takes_what_is_downstream_of_it(finished: Path, tmp_path: Path) -> None:
+    other = JOB.replace('"quick"', '"normal"') + '[program]\nname = "OTHER"\n'
+    (tmp_path / "other.toml").write_text(other)
+    plan = str(finished / "out" / "plan.npz")
+    result = invoke("post", plan, "--job", str(tmp_path / "other.toml"))
+    assert result.exit_code == 0
+    assert result.stdout_bytes.startswith(b"0 BEGIN PGM OTHER MM\r\n")
+    assert "[detection]" in result.stderr and "not used" in result.stderr
+    expected = (finished / "out" / "BLADE1.H").read_bytes().replace(b"BLADE1", b"OTHER")
+    assert result.stdout_bytes == expected
+
+
+def test_inspect_prints_parts_and_artifacts(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished)
+    result = invoke("inspect", "blade.json")
+    assert result.exit_code == 0 and "saddle" in result.stdout
+    faces = json.loads(invoke("inspect", "blade.json", "--json").stdout)["faces"]
+    # z = slope x y about the middle, so the area is the integral of sqrt(1 + slope² (x² + y²)).
+    slope = 1.0 / (15.0 * 10.0)
+    x, y = np.meshgrid(np.linspace(-15.0, 15.0, 601), np.linspace(-10.0, 10.0, 401))
+    area = np.trapezoid(np.trapezoid(np.sqrt(1.0 + slope**2 * (x**2 + y**2)), dx=0.05), dx=0.05)
+    assert faces[0]["area"] == pytest.approx(area, abs=1e-3)
+    for kind in ("candidates", "motions", "plan"):
+        path = f"out/{kind}.npz"
+        result = invoke("inspect", path)
+        assert result.exit_code == 0 and result.stdout.startswith(kind), result.stderr
+        piped = invoke("inspect", "--json", data=Path(path).read_bytes())
+        assert json.loads(piped.stdout)["schema"] == f"conflank/{kind}"
+
+
+# --- help -----------------------------------------------------------------------------------------------------------
+
+
+def example(text: str) -> list[str]:
+    """The example that a help text ends with."""
+    found = re.search(r"Example:\n\s+conflank (.*)\n\Z", text)
+    assert found, text
+    return shlex.split(found[1])
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_is_as_agreed(command: str | None) -> None:
+    """Snapshots: after a change on purpose, write them anew with CONFLANK_SNAPSHOTS=write."""
+    result = invoke(*([command] if command else []), "--help")
+    assert result.exit_code == 0
+    snapshot = Path(__file__).parent / "help" / f"{command or 'conflank'}.txt"
+    if os.environ.get("CONFLANK_SNAPSHOTS") == "write":
+        snapshot.parent.mkdir(exist_ok=True)
+        snapshot.write_text(result.output, "utf-8")
+    assert result.output == snapshot.read_text("utf-8")
+    assert example(result.output)
+
+
+def test_the_examples_of_the_help_texts_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order of the pipeline each finds the files that the ones before it made."""
+    monkeypatch.chdir(write_job(tmp_path))
+    (tmp_path / "blade.step").symlink_to(Path(__file__).parent.parent / "sample_parts/blisk_blade/blisk_blade.step")
+    for command in [*COMMANDS, None]:
+        arguments = example(invoke(*([command] if command else []), "--help").output)
+        result = invoke(*arguments)
+        assert result.exit_code == 0, (arguments, result.stderr)
+    assert (tmp_path / "BLADE1.H").read_bytes() == (tmp_path / "out" / "BLADE1.H").read_bytes()
+
+
+def test_help_answers_at_once(tmp_path: Path) -> None:
+    """Under 0.2 s of processor time; the best of three, because other work may be going on here."""
+    times = []
+    for _ in range(3):
+        before = os.times()
+        assert conflank("--help", cwd=tmp_path).returncode == 0
+        after = os.times()
+        times.append(after.children_user + after.children_system - before.children_user - before.children_system)
+    assert min(times) < 0.2
+
+
+# --- what goes wrong ------------------------------------------------------------------------------------------------
+
+
+def face_of(**changes: object) -> str:
+    return json.dumps({"faces": [SADDLE["faces"][0] | changes]})
+
+
+NAN = face_of().replace("[0, 20, -1.0]", "[0, 20, NaN]")
+FLAT = face_of(poles=[[[0, 0, 0], [0, 0, 0]], [[30, 0, 0], [30, 0, 0]]])
+MY = "[tools.define.T1]\nr_min = {}\nr_max = {}\nlength = {}\n"
+
+BAD_JOBS = {
+    # name: (job, part, file name of the part, exit code, words of the message)
+    "part missing": (JOB, None, "blade.json", 3, ["blade.json", "no readable file"]),
+    "part empty": (JOB, "", "blade.json", 3, ["blade.json", "empty"]),
+    "part of no known type": (JOB.replace(".json", ".dwg"), "x", "blade.dwg", 3, ["blade.dwg", ".step"]),
+    "STEP truncated": (
+        JOB.replace(".json", ".step"),
+        "ISO-10303-21;\nHEADER;\n",
+        "blade.step",
+        3,
+        ["blade.step", "END-ISO-10303-21"],
+    ),
+    "no STEP": (JOB.replace(".json", ".step"), "solid x\n", "blade.step", 3, ["blade.step", "ISO-10303-21"]),
+    "no face": (JOB, '{"faces": []}', "blade.json", 3, ["blade.json"]),
+    "face out of range": (JOB.replace("face = 0", "face = 7"), face_of(), "blade.json", 3, ["face number 7"]),
+    "face name unknown": (JOB.replace("face = 0", 'face = "x"'), face_of(), "blade.json", 3, ["'x'", "saddle"]),
+    "NaN in a face": (JOB, NAN, "blade.json", 3, ["blade.json"]),
+    "face without area": (JOB, FLAT, "blade.json", 3, ["blade.json"]),
+    "knots too few": (JOB, face_of(knots_u=[0, 1]), "blade.json", 3, ["knots_u"]),
+    "job no TOML": ("part", face_of(), "blade.json", 3, ["job.toml", "TOML"]),
+    "key unknown": (JOB + "[tolerance]\nover = 1\n", face_of(), "blade.json", 3, ["[tolerance] over", "overcut"]),
+    "r_min > r_max": (JOB + MY.format(3, 2, 20), face_of(), "blade.json", 3, ["[tools.define.T1] r_min", "r_max = 2"]),
+    "tool without length": (JOB + MY.format(1, 2, 0), face_of(), "blade.json", 3, ["[tools.define.T1] length"]),
+    "not yet": (JOB + '[program]\nformat = "i"\n', face_of(), "blade.json", 3, ["[program] format", "this version"]),
+    "machine unknown": (JOB + '[machine]\nname = "mill"\n', face_of(), "blade.json", 3, ["mill", "ac-table"]),
+}
+
+
+def assert_one_message(stderr: str, words: list[str]) -> None:
+    """Place, found, expected, next step; once, and no traceback."""
+    assert re.fullmatch(r"error: .+\n  found +.+\n  expected +.+\n  next +.+\n", stderr), stderr
+    assert "Traceback" not in stderr
+    for word in words:
+        assert word in stderr
+
+
+@pytest.mark.parametrize("name", BAD_JOBS)
+def test_bad_input_gets_one_message_and_no_output(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job, part, file, code, words = BAD_JOBS[name]
+    monkeypatch.chdir(tmp_path)
+    Path("job.toml").write_text(job)
+    if part is not None:
+        Path(file).write_text(part)
+    before = sorted(tmp_path.rglob("*"))
+    result = invoke("run", "job.toml", "--out", "out")
+    assert result.exit_code == code, result.stderr
+    assert result.stdout == ""
+    assert_one_message(result.stderr, words)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_tool_so_large_that_no_line_fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_job(tmp_path, JOB + MY.format(900, 1000, 2000))
+    result = invoke("run", "job.toml", "--out", "out")
+    assert result.exit_code == 4, result.stderr
+    assert_one_message(result.stderr, ["T1"])
+    assert not Path("out").exists()
+
+
+BAD_CALLS = [
+    (["frobnicate"], 2, "frobnicate"),
+    (["inspet", "x"], 2, "did you mean 'inspect'"),
+    (["run"], 2, "JOB"),
+    (["run", "job.toml", "--fast"], 2, "--fast"),
+    (["verify", "BLADE1.H"], 2, "--job"),
+    (["run", "none.toml"], 3, "none.toml"),
+    (["detect", "none.toml"], 3, "none.toml"),
+    (["optimize", "none.npz"], 3, "none.npz"),
+    (["inspect", "none.step"], 3, "none.step"),
+    (["verify", "none.H", "--job", "job.toml"], 3, "none.H"),
+    (["run", "job.toml", "--out", "job.toml"], 2, "a file"),
+    (["detect", "job.toml", "-o", "job.toml"], 2, "one of the inputs"),
+    (["detect", "job.toml", "-o", "blade.json"], 2, "one of the inputs"),
+    (["detect", "job.toml", "-o", "no/such/folder.npz"], 2, "folder"),
+    (["verify", "job.toml", "--job", "job.toml", "-o", "blade.json"], 2, "one of the inputs"),
+    (["optimize", "job.toml"], 3, "another type"),
+    (["select", "blade.json", "-o", "x.npz"], 3, "another type"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "word"), BAD_CALLS, ids=lambda value: str(value))
+def test_bad_calls(arguments: list[str], code: int, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(write_job(tmp_path))
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    result = invoke(*arguments)
+    assert result.exit_code == code, result.stderr
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert word in result.stderr
+    assert "Traceback" not in result.stderr
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_stage_refuses_the_file_of_another_stage(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished)
+    for command, file, named in (
+        ("optimize", "plan", "conflank/plan"),
+        ("select", "candidates", "conflank/candidates"),
+        ("post", "motions", "conflank/motions"),
+    ):
+        result = invoke(command, f"out/{file}.npz", "-o", "x")
+        assert result.exit_code == 3
+        assert_one_message(result.stderr, [f"{file}.npz", named])
+        assert not Path("x").exists()
+
+
+def test_debug_shows_where_an_error_came_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = invoke("run", "none.toml", "--debug")
+    assert result.exit_code == 3
+    assert "Traceback" in result.stderr and "load_job" in result.stderr
+
+
+def test_an_error_of_the_programs_own_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def break_down(source: str) -> None:
+        raise ZeroDivisionError("a\nb")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("conflank_cli.commands.inputs.read_job", break_down)
+    result = invoke("run", "job.toml")
+    assert result.exit_code == 4
+    assert_one_message(result.stderr, ["ZeroDivisionError: a b", "--debug"])
+
+
+def test_without_arguments_there_is_help_and_exit_2() -> None:
+    result = invoke()
+    assert result.exit_code == 2
+    assert "Commands:" in result.stderr
+
+
+# --- terminals, pipes, signals --------------------------------------------------------------------------------------
+
+
+def on_terminal(arguments: list[str], cwd: Path, **streams: object) -> tuple[int, str]:
+    """Run with the streams set to "terminal" attached to a pseudo-terminal; exit code and what that showed."""
+    master, slave = pty.openpty()
+    attached = {name: slave if value == "terminal" else value for name, value in streams.items()}
+    command = [sys.executable, "-c", "from conflank_cli.cli import main; main()", *arguments]
+    process = subprocess.Popen(command, cwd=cwd, **attached)
+    os.close(slave)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(master, 65536)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(master)
+    return process.wait(timeout=60), shown.decode()
+
+
+def test_binary_data_does_not_go_to_a_terminal(finished: Path) -> None:
+    code, shown = on_terminal(
+        ["detect", "job.toml"], finished, stdin=subprocess.DEVNULL, stdout="terminal", stderr="terminal"
+    )
+    assert code == 2
+    assert "terminal" in shown and "-o FILE" in shown
+    assert "\x93NUMPY" not in shown
+
+
+def test_input_from_a_terminal_is_asked_for_not_waited_for(finished: Path) -> None:
+    code, shown = on_terminal(["optimize"], finished, stdin="terminal", stdout=subprocess.DEVNULL, stderr="terminal")
+    assert code == 2
+    assert "No input" in shown
+
+
+def test_a_terminal_sees_a_bar_for_each_stage(finished: Path) -> None:
+    code, shown = on_terminal(
+        ["run", "job.toml", "--out", "out"], finished, stdin=subprocess.DEVNULL, stdout="terminal", stderr="terminal"
+    )
+    assert code == 0
+    for stage in ("detect", "optimize", "select", "verify"):
+        assert stage in shown
+    assert "━" in shown
+
+
+def test_a_reader_that_leaves_is_no_error_to_speak_of(finished: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-c", "from conflank_cli.cli import main; main()", "inspect", "out/candidates.npz"]
+    done = subprocess.run(command, cwd=finished, stdout=writing, stderr=subprocess.PIPE, timeout=60)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+def test_an_interrupt_is_clean(finished: Path, tmp_path: Path) -> None:
+    write_job(tmp_path)
+    os.mkfifo(tmp_path / "late.toml")
+    command = [sys.executable, "-c", "from conflank_cli.cli import main; main()", "detect", "late.toml", "-o", "x.npz"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
+        # Opening this end waits until the program has opened the other: from then on it waits for a job.
+        late = os.open(tmp_path / "late.toml", os.O_WRONLY)
+        time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        os.close(late)
+    assert process.returncode == 130
+    assert errors.strip() == b"Interrupted: nothing was written."
+    assert not (tmp_path / "x.npz").exists()
