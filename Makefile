@@ -25,7 +25,7 @@ test-all: setup
 	$(BIN)/python -m pytest -m "slow or not slow"
 
 bench: setup
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.run
 
 samples: setup
 	$(MAKE) -C sample_parts CONFLANK=$(abspath $(BIN)/conflank) PYTHON=$(abspath $(BIN)/python)
