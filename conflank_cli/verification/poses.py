@@ -126,12 +126,13 @@ def build_cells(poses: Poses, move: Integers, interpolation: Interpolation) -> C
 def with_slack(cells: Array, reach: float) -> Array:
     """Fill in the slack for a body that reaches `reach` mm from the tip.
 
-    A point fixed to the part moves along a curve in the tool's frame. What its second derivative by tau, at most
-    2 |step| |turn| + reach (|turn|^2 + 8 |bow|), takes from a convex function between the ends is an eighth of it.
+    A point fixed to the part moves along a curve in the tool's frame, whose second derivative by tau is at most
+    2 |step| |turn| + reach (|turn|^2 + 8 |bow|). The distance is convex along the tangents of that curve; half of the
+    second derivative is what it can fall short of that within the cell.
     """
     step, turn, bow = (np.linalg.norm(cells[:, k : k + 3], axis=1) for k in (3, 9, 12))
     filled = cells.copy()
-    filled[:, 15] = (2.0 * step * turn + reach * (turn**2 + 8.0 * bow)) / 8.0
+    filled[:, 15] = (2.0 * step * turn + reach * (turn**2 + 8.0 * bow)) / 2.0
     return filled
 
 

@@ -61,7 +61,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class CutLabel:
-    """A sweep or pass as the program labels it."""
+    """A stretch as the program labels it: "sweep" or "pass" opens a cut, "approach" or "retract" closes it."""
 
     kind: str
     number: int
@@ -155,12 +155,13 @@ class HeaderReader:
     frame: Frame | None = None
 
     def read(self, comment: str) -> CutLabel | None:
-        """Take in one comment; returns the label if it opens a sweep or pass."""
+        """Take in one comment; returns the label if it is one."""
         text = comment.strip()
-        if found := re.fullmatch(r"(SWEEP|PASS)\s+(\d+)\b.*", text):
+        if found := re.fullmatch(r"(SWEEP|PASS|APPROACH|RETRACT)\s+(\d+)\b.*", text):
             return CutLabel(found[1].lower(), int(found[2]))
         if found := re.fullmatch(r"PART\s+(.*?)\s+FACE\s+([\d\s,]+)", text):
-            self.part, self.faces = found[1], tuple(int(item) for item in re.findall(r"\d+", found[2]))
+            # A long list of faces takes several lines.
+            self.part, self.faces = found[1], self.faces + tuple(int(item) for item in re.findall(r"\d+", found[2]))
         elif found := re.fullmatch(
             rf"TOOL\s+(\d+)\s+(.*?)\s*R_MIN\s+({_NUMBER})\s+R_MAX\s+({_NUMBER})\s+LENGTH\s+({_NUMBER})\b.*", text
         ):
@@ -239,9 +240,13 @@ class Recorder:
             self.findings[code, key or text] = Finding(code, again.text, again.block, count=again.count + 1)
 
     def label(self, label: CutLabel) -> None:
-        """Open a sweep or pass."""
-        self.cuts.append(label)
-        self._cut = len(self.cuts) - 1
+        """Open a sweep or pass, or close it; the same sweep opened again is still the same cut."""
+        if label.kind not in ("sweep", "pass"):
+            self._cut = -1
+            return
+        if label not in self.cuts:
+            self.cuts.append(label)
+        self._cut = self.cuts.index(label)
 
     def call_tool(self, number: int | None, name: str | None, block: int) -> None:
         """Change the tool; where the new one stands is not known."""

@@ -220,7 +220,11 @@ def _sags(mesh: CheckMesh) -> Array:
     sag = np.zeros(len(triangles))
     for side in (first, last):
         np.maximum.at(sag, owner[side], rise)
-    return np.where(mesh.face >= 0, sag, 0.0)
+    # A triangle at the border of a face may meet its only neighbour flat; that one knows the curvature.
+    spread = sag.copy()
+    np.maximum.at(spread, owner[first], sag[owner[last]])
+    np.maximum.at(spread, owner[last], sag[owner[first]])
+    return np.where(mesh.face >= 0, spread, 0.0)
 
 
 def sample_mesh(mesh: CheckMesh, low: Array, high: Array, spacing: float = MESH_SPACING) -> MeshSample:

@@ -95,8 +95,8 @@ def _at_pose(body, x, y, z, pose):
     """Signed distance at a fixed pose: tip (3), axis (3)."""
     a, b, c = x - pose[0], y - pose[1], z - pose[2]
     h = a * pose[3] + b * pose[4] + c * pose[5]
-    square = a * a + b * b + c * c - h * h
-    value, _, _ = profile(body, np.sqrt(max(square, 0.0)), h)
+    a, b, c = a - h * pose[3], b - h * pose[4], c - h * pose[5]
+    value, _, _ = profile(body, np.sqrt(a * a + b * b + c * c), h)
     return value
 
 
@@ -115,14 +115,14 @@ def _in_cell(body, x, y, z, cell, tau):
     e1 = cell[10] + swing * cell[13]
     e2 = cell[11] + swing * cell[14]
     h = a * d0 + b * d1 + c * d2
-    square = a * a + b * b + c * c - h * h
-    rho = np.sqrt(max(square, 0.0))
-    value, by_rho, by_h = profile(body, rho, h)
-    toward = a * cell[3] + b * cell[4] + c * cell[5]
     rise = -(cell[3] * d0 + cell[4] * d1 + cell[5] * d2) + a * e0 + b * e1 + c * e2
+    # Not from |y|^2 - h^2: near the axis that would lose all digits, and the parabola is a unit vector to 1e-10 only.
+    a, b, c = a - h * d0, b - h * d1, c - h * d2
+    rho = np.sqrt(a * a + b * b + c * c)
+    value, by_rho, by_h = profile(body, rho, h)
     slope = by_h * rise
     if rho > 0.0:
-        slope += by_rho * (-toward - h * rise) / rho
+        slope -= by_rho * (a * (cell[3] + h * e0) + b * (cell[4] + h * e1) + c * (cell[5] + h * e2)) / rho
     return value, slope
 
 
@@ -139,15 +139,18 @@ def _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best):
         least, where = fb, tb
     side = 0
     wa, wb = ga, gb
-    for _ in range(_MOST_STEPS):
+    for step in range(_MOST_STEPS):
         width = tb - ta
         crossing = (fb - fa - gb * width) / (ga - gb)
         bound = fa + ga * crossing - cell[15] * width * width
         if bound >= best or least - bound < _CERTAIN:
             break
-        # Regula falsi on the derivative, halving the weight of an end that stays (Illinois).
+        # Regula falsi on the derivative, halving the weight of an end that stays (Illinois); every third step halves
+        # the interval, for where the point crosses the axis of the tool the derivative jumps.
         t = ta - wa * width / (wb - wa)
-        if not (t > ta + 1e-3 * width and t < tb - 1e-3 * width):
+        if step % 3 == 2:
+            t = ta + 0.5 * width
+        elif not (t > ta + 1e-3 * width and t < tb - 1e-3 * width):
             t = min(max(t, ta + 1e-3 * width), tb - 1e-3 * width)
         f, g = _in_cell(body, x, y, z, cell, t)
         if f < least:
