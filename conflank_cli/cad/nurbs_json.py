@@ -14,9 +14,9 @@
         "outside": "along"}]}             optional: out of the metal is "along" or "against" S_u x S_v, or "unknown"
 
 n poles of degree p in a direction take n + p + 1 knots, which need not be clamped; the parameter range is from knot p
-to knot n. A periodic direction takes n + 1 knots, one period: pole i belongs to the basis function that starts at knot i,
-knot i + n is knot i plus the period, and the parameter range is the period. A knot repeats at most p times inside the
-range and p + 1 times at its ends.
+to knot n. A periodic direction takes n + 1 knots, one period: pole i belongs to the basis function that starts at
+knot i, knot i + n is knot i plus the period, and the parameter range is the period. A knot repeats at most p times
+inside the range and p + 1 times at its ends.
 """
 
 from __future__ import annotations

@@ -13,9 +13,11 @@ from conflank_cli.geometry.surface import BSplineSurface, Spans, to_spans
 
 Array = npt.NDArray[np.float64]
 
-# Three Gauss points a panel and direction; a rational arc of 120 degrees cut into eight is exact to about 1e-9.
-GAUSS_POINTS = 3
+# Five Gauss points a panel integrate the area of a cubic net to about 1e-8; where there are many panels, because there
+# are many knots or trim points, three do.
 PANELS_AT_LEAST = 8
+MANY_PANELS = 40
+FEW_POINTS, MANY_POINTS = 3, 5
 
 
 class TrimNodes(NamedTuple):
@@ -45,10 +47,7 @@ def trim_nodes(loops: Sequence[Array], breaks_u: Array, breaks_v: Array) -> Trim
     low, high = points.min(axis=0), points.max(axis=0)
     stops_v = _panels(breaks_v, points[:, 1], low[1], high[1])
     stops_u = _panels(breaks_u, np.empty(0), low[0], high[0])
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    half = 0.5 * np.diff(stops_v)
-    scan = (stops_v[:-1] + half)[:, None] + half[:, None] * nodes
-    scan_weight = half[:, None] * weights
+    scan, scan_weight = _gauss(stops_v[:-1], stops_v[1:], len(stops_v) - 1)
     line, crossing = _crossings(loops, scan.ravel())
     start, end, line = crossing[0::2], crossing[1::2], line[0::2]
     # Each stretch inside, split at the stops: (stretches, panels).
@@ -56,11 +55,17 @@ def trim_nodes(loops: Sequence[Array], breaks_u: Array, breaks_v: Array) -> Trim
     right = np.minimum(end[:, None], stops_u[1:])
     stretch, panel = np.nonzero(right > left)
     left, right = left[stretch, panel], right[stretch, panel]
-    half = 0.5 * (right - left)
-    u = (left + half)[:, None] + half[:, None] * nodes
-    weight = half[:, None] * weights * scan_weight.ravel()[line[stretch]][:, None]
+    u, weight = _gauss(left, right, len(stops_u) - 1)
+    weight *= scan_weight.ravel()[line[stretch]][:, None]
     v = np.broadcast_to(scan.ravel()[line[stretch]][:, None], u.shape)
     return TrimNodes(u.ravel(), v.ravel(), weight.ravel())
+
+
+def _gauss(low: Array, high: Array, panels: int) -> tuple[Array, Array]:
+    """Gauss points and weights of intervals (N,), each (N, points)."""
+    nodes, weights = np.polynomial.legendre.leggauss(FEW_POINTS if panels > MANY_PANELS else MANY_POINTS)
+    half = 0.5 * (high - low)
+    return (low + half)[:, None] + half[:, None] * nodes, half[:, None] * weights
 
 
 def _panels(breaks: Array, extra: Array, low: float, high: float) -> Array:

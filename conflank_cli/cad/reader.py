@@ -16,6 +16,8 @@ from conflank_cli.cad.part import FaceGeometry, Part, PartFace
 from conflank_cli.errors import InputError
 
 STEP_END = b"END-ISO-10303-21;"
+# How far from a wall "on it" ends, when solids are asked whether they reach to infinity.
+INFINITE_POINT_MM = 1.0e-6
 # What writers put where they have no name.
 NO_NAME = {"", "none", "face", "shape", "advanced_face"}
 
@@ -293,7 +295,8 @@ def _key(shape: Any) -> Any:
 
 
 def _faces(shape: Any, looks: _Looks, file: str, scale: float) -> tuple[PartFace, ...]:
-    from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID
+    from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_OUT, TopAbs_REVERSED, TopAbs_SOLID
     from OCP.TopExp import TopExp_Explorer
     from OCP.TopoDS import TopoDS
 
@@ -304,9 +307,13 @@ def _faces(shape: Any, looks: _Looks, file: str, scale: float) -> tuple[PartFace
     outside: dict[Any, bool] = {}
     solids = TopExp_Explorer(shape, TopAbs_SOLID)
     while solids.More():
+        # Metal that reaches to infinity is a solid turned inside out: its normals tell nothing.
+        classifier = BRepClass3d_SolidClassifier(solids.Current())
+        classifier.PerformInfinitePoint(INFINITE_POINT_MM)
+        known = classifier.State() == TopAbs_OUT
         explorer = TopExp_Explorer(solids.Current(), TopAbs_FACE)
         while explorer.More():
-            outside[_key(explorer.Current())] = True
+            outside[_key(explorer.Current())] = known
             explorer.Next()
         solids.Next()
     faces: list[PartFace] = []
