@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, sin, tan
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,8 @@ from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.tool import CATALOGUE, Tool
 
 Array = npt.NDArray[np.float64]
+# Real, or complex where a derivative is taken.
+Times = TypeVar("Times", npt.NDArray[np.float64], npt.NDArray[np.complex128])
 
 # A step without cancellation: derivatives along t are exact to rounding (complex step).
 COMPLEX_STEP = 1e-30
@@ -70,7 +73,7 @@ class KnownMotion:
     middle: float
     length: float
 
-    def axis(self, t: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
+    def axis(self, t: Times) -> tuple[Times, Times]:
         """Point p in the plane of r_min and unit direction d at times t (N,), real or complex, each (N, 3)."""
         waves = np.stack([t] + [np.cos(np.pi * k * t) - 1.0 for k in range(1, len(self.path))], axis=1)
         centre = waves @ self.path
@@ -85,8 +88,9 @@ class KnownMotion:
 
     def velocity(self, t: Array) -> tuple[Array, Array]:
         """Time derivatives of p and d, each (N, 3)."""
-        p, d = self.axis(t + 1j * COMPLEX_STEP)
-        return p.imag / COMPLEX_STEP, d.imag / COMPLEX_STEP
+        p, d = self.axis(np.asarray(t + 1j * COMPLEX_STEP, dtype=np.complex128))
+        slopes = np.stack([p.imag, d.imag]).astype(np.float64) / COMPLEX_STEP
+        return slopes[0], slopes[1]
 
     def ends(self, t: Array) -> tuple[Array, Array]:
         """Points p(t) and q(t) as `conflank_cli.motion.Motion.ends` gives them, each (N, 3)."""
@@ -94,7 +98,7 @@ class KnownMotion:
         return p, p + self.length * d
 
 
-def _sinc_of_square(square: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def _sinc_of_square(square: Times) -> Times:
     """sin(x) / x as a function of x²: a power series, exact to rounding for x below 2."""
     total, term = np.ones_like(square), np.ones_like(square)
     for k in range(1, 14):
@@ -103,7 +107,7 @@ def _sinc_of_square(square: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     return total
 
 
-def _versine_of_square(square: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+def _versine_of_square(square: Times) -> Times:
     """(1 - cos x) / x² as a function of x², likewise."""
     total, term = np.full_like(square, 0.5), np.full_like(square, 0.5)
     for k in range(1, 14):
@@ -174,7 +178,8 @@ def cutter_distance(tool: Tool, p: Array, d: Array, points: Array) -> Array:
     cone = (r - tool.r_min) * cos(alpha) - z * sin(alpha)
     ball = np.hypot(r, z - tool.ball_centre_height) - tool.ball_radius
     rim = np.hypot(r - tool.r_max, z - tool.length)
-    return np.where(along < 0.0, ball, np.where(along > tool.length / cos(alpha), rim, cone))
+    distance: Array = np.where(along < 0.0, ball, np.where(along > tool.length / cos(alpha), rim, cone))
+    return distance
 
 
 def swept_gap(
