@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_lsq_spline
 
 Array = npt.NDArray[np.float64]
 DEGREE = 3
@@ -52,3 +52,10 @@ class Motion:
         control = spline.c[first:last]
         scaled = (knots - start) / (end - start)
         return Motion(scaled, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))
+
+    def respaced(self, count: int) -> Motion:
+        """The nearest motion with `count` control points on uniform knots, by least squares."""
+        knots = uniform_knots(count)
+        t = np.linspace(0.0, 1.0, 8 * count)
+        control = make_lsq_spline(t, np.hstack(self.ends(t)), knots, DEGREE).c
+        return Motion(knots, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))

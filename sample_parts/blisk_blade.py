@@ -8,14 +8,10 @@ from __future__ import annotations
 
 from math import pi
 
-from OCP.Geom import Geom_CylindricalSurface
-from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
-
 from blade_surfaces import (
     PRESSURE,
-    Contact,
     SUCTION,
-    BSplineSurface,
+    Contact,
     RolledPatch,
     crowded_sites,
     edge_contact,
@@ -23,18 +19,22 @@ from blade_surfaces import (
     side_contact,
 )
 from blisk_law import BliskLaw
+from OCP.Geom import Geom_CylindricalSurface
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
 from solids import (
     NamedSolid,
     border_loop,
     outer_loop,
     plane_face,
-    straight_edge,
     revolved_solid,
     rotated_shape,
     sewn_solid,
+    straight_edge,
     trimmed_face,
     whole_face,
 )
+
+from conflank_cli.geometry.surface import BSplineSurface
 
 SIDE_SITES, EDGE_SITES, HEIGHT_SITES, FILLET_SITES = 16, 12, 10, 8
 """Poles along the chord, around an edge, along the height, across the fillet: the fit stays below 0.2 µm with these."""

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from math import radians, tan
 
 import numpy as np
-
 from blade_surfaces import Numbers
 
 
@@ -40,7 +39,7 @@ class BliskLaw:
     lean: float = 4.0
     fillet: float = 2.0
     stacking: float = 0.8
-    """Stacking point as a fraction of the camber height: the centroid of a section with parabolic camber and thickness."""
+    """Stacking point over camber height: the centroid of a section with parabolic camber and thickness."""
 
     @property
     def tip_radius(self) -> float:

@@ -4,34 +4,35 @@ from __future__ import annotations
 
 from math import pi
 
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
-from OCP.Geom import Geom_Ellipse, Geom_TrimmedCurve
-from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
-from OCP.TopoDS import TopoDS_Edge
-
 from blade_surfaces import (
     PRESSURE,
     SUCTION,
-    BSplineSurface,
     Contact,
     cap_surface,
     chord_surface,
     crowded_sites,
     edge_contact,
     fit,
+    points_only,
     side_contact,
 )
 from impeller_law import ImpellerLaw
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.Geom import Geom_Ellipse, Geom_TrimmedCurve
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+from OCP.TopoDS import TopoDS_Edge
 from solids import (
     NamedSolid,
     common,
     fuse,
-    straight_edge,
     revolved_solid,
     rotated,
     sewn_solid,
+    straight_edge,
     whole_face,
 )
+
+from conflank_cli.geometry.surface import BSplineSurface
 
 SIDE_SITES, EDGE_SITES, HEIGHT_SITES = 16, 10, 8
 """Poles along the blade, around the leading edge, from hub to shroud: the fit stays below 0.7 µm with these."""
@@ -43,14 +44,14 @@ BORE_RADIUS, NOSE, BACK_PLATE = 6.0, 5.0, 3.0
 
 def sides(law: ImpellerLaw) -> dict[str, Contact]:
     """Both sides of a blade as exact formulas, u = x and v = h."""
-    # The wrap angle falls along the flow, so the convex side is the one against c_x x c_h.
-    return {"suction": side_contact(law, PRESSURE), "pressure": side_contact(law, SUCTION)}
+    # The wrap angle falls along the flow: the wheel turns towards +theta, and the side that looks there pushes.
+    return {"suction": side_contact(law, SUCTION), "pressure": side_contact(law, PRESSURE)}
 
 
 def fitted_sides(law: ImpellerLaw) -> dict[str, BSplineSurface]:
     """Both sides as bicubic surfaces, somewhat larger than the blade."""
     sites_x, sites_h = crowded_sites(0.0, LAST_X, SIDE_SITES), crowded_sites(FIRST_H, LAST_H, HEIGHT_SITES)
-    return {name: fit(lambda x, h, c=contact: c(x, h)[0], sites_x, sites_h) for name, contact in sides(law).items()}
+    return {name: fit(points_only(contact), sites_x, sites_h) for name, contact in sides(law).items()}
 
 
 def _meridian(law: ImpellerLaw, end: int) -> TopoDS_Edge:
@@ -102,15 +103,14 @@ def _turned_blank(law: ImpellerLaw) -> NamedSolid:
 def make_impeller(law: ImpellerLaw) -> NamedSolid:
     """The whole impeller; the faces of blade k carry _k, those of the first blade none."""
     flanks = fitted_sides(law)
-    pair = (flanks["pressure"], flanks["suction"])
+    pair = (flanks["suction"], flanks["pressure"])
     turn_sites, sites_h = crowded_sites(0.0, 1.0, EDGE_SITES), crowded_sites(FIRST_H, LAST_H, HEIGHT_SITES)
-    nose_contact = edge_contact(law, 0.0)
-    leading = fit(lambda turn, h: nose_contact(turn, h)[0], turn_sites, sites_h)
+    leading = fit(points_only(edge_contact(law, 0.0)), turn_sites, sites_h)
     blunt = chord_surface(pair, turn_sites)
     untrimmed = sewn_solid(
         [
-            ("pressure", whole_face(pair[0])),
-            ("suction", whole_face(pair[1])),
+            ("suction", whole_face(pair[0])),
+            ("pressure", whole_face(pair[1])),
             ("leading_edge", whole_face(leading)),
             ("", whole_face(blunt)),
             ("", whole_face(cap_surface(pair, (leading, blunt), 0))),

@@ -1,7 +1,8 @@
 """The impeller blade: wrapped by a blade-angle law on stream surfaces between quarter ellipses.
 
 Wheel axis along Z, inlet at the top (greater z), exit radial at the bottom. A stream surface h is the quarter ellipse
-r = r2 - a(h) cos tau, z = z1 - b(h) sin tau, tau in [0, pi/2], with a and b linear between hub (h = 0) and shroud (h = 1).
+r = r2 - a(h) cos tau, z = z1 - b(h) sin tau, tau in [0, pi/2], with a and b linear between hub (h = 0) and shroud
+(h = 1).
 
 Blade angle beta against the meridional direction:
 
@@ -28,7 +29,6 @@ from dataclasses import dataclass
 from math import pi, radians, tan
 
 import numpy as np
-
 from blade_surfaces import Numbers
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)

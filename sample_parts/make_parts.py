@@ -10,14 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-
-from blade_surfaces import Array, BSplineSurface, evaluate
+from blade_surfaces import Array, evaluate
 from blisk_blade import fitted_patches, make_blisk_blade
 from blisk_law import BliskLaw
 from impeller import fitted_sides, make_impeller
 from impeller_law import ImpellerLaw
 from solids import NamedSolid, area, is_valid, volume
 from step_file import read_step, step_text
+
+from conflank_cli.geometry.surface import BSplineSurface
 
 HERE = Path(__file__).resolve().parent
 PARTS: dict[str, Callable[[], NamedSolid]] = {

@@ -23,13 +23,13 @@ from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepLib import BRepLib
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
+from OCP.BRepTools import BRepTools
 from OCP.collections import (
     Array1_double,
     Array1_int,
     Array2_gp_Pnt,
     List_TopoDS_Shape,
 )
-from OCP.BRepTools import BRepTools
 from OCP.Geom import Geom_BSplineSurface, Geom_Surface
 from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps

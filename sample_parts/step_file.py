@@ -16,7 +16,6 @@ from OCP.TCollection import TCollection_ExtendedString
 from OCP.TDataStd import TDataStd_Name
 from OCP.TDocStd import TDocStd_Document
 from OCP.XCAFDoc import XCAFDoc_DocumentTool
-
 from solids import NamedSolid, faces_of
 
 TIME_STAMP = "2020-01-01T00:00:00"
@@ -70,8 +69,9 @@ def read_step(path: Path) -> NamedSolid:
     """Read a file written by `step_text`, with the names of its faces."""
     Message.DefaultMessenger_s().ChangePrinters().Clear()
     document = _document()
-    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
+    # The reader's constructor registers the parameter; before it, setting the value has no effect.
     reader = STEPCAFControl_Reader()
+    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
     reader.SetNameMode(True)
     if reader.ReadFile(str(path)) != IFSelect_RetDone or not reader.Transfer(document):
         raise RuntimeError(f"{path}: not a STEP file that Open CASCADE can read.")

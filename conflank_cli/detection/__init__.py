@@ -41,8 +41,8 @@ DENSITIES = {
 MARGIN = 0.7
 # Sequences that cover less than this share of the face are not worth a sweep.
 SMALLEST = 0.004
-# Samples that give the raster cells their areas, about, along each side of a face.
-AREA_SAMPLES = 200
+# Samples that give the raster cells their areas, about.
+AREA_SAMPLES = 40000
 
 
 def detect(scene: Scene, progress: Progress) -> list[Sweep]:
@@ -59,15 +59,13 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
         for index, design in enumerate(scene.faces):
             for tool in scene.tools:
                 face = WorkFace.of(design, MARGIN * tool.length)
-                dense = face.samples(_spacing(face, AREA_SAMPLES**2))
+                dense = face.samples(face.spacing(AREA_SAMPLES))
                 area = float(dense.areas.sum())
-                contacts = face.samples(_spacing(face, density.contacts)).uv
+                contacts = face.samples(face.spacing(density.contacts)).uv
                 heights = sphere_heights(tool)
                 places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
                 seeds = seed_lines(face, tool, contacts, places, tolerance.allowance)
-                traced = trace(
-                    face, tool, seeds, dense, tolerance.overcut, tolerance.undercut, tolerance.allowance
-                )
+                traced = trace(face, tool, seeds, dense, tolerance.overcut, tolerance.undercut, tolerance.allowance)
                 for family in represent(traced, density.alike, SMALLEST * area)[: density.families]:
                     sequence = traced.sequences[family]
                     facts = {
@@ -85,9 +83,3 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
             "Use a smaller tool, a wider tolerance, or check the side the cutter works on.",
         )
     return sweeps
-
-
-def _spacing(face: WorkFace, count: int) -> float:
-    """Spacing in mm at which about `count` samples cover the face."""
-    coarse = face.samples(8.0)
-    return float(np.sqrt(coarse.areas.sum() / count))

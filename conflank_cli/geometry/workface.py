@@ -16,6 +16,8 @@ Array = npt.NDArray[np.float64]
 # The raster of the trim resolves a few tenths of a millimetre on a blade; it steers weights only. Whatever is counted
 # goes through the polygon itself.
 RASTER = 384
+# Spacing of the samples that measure the area of a face, mm.
+COARSE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,10 @@ class WorkFace:
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         raster = on_face(face, grid).astype(np.float64).reshape(RASTER, RASTER)
         return cls(face, projector, float(face.sense), raster)
+
+    def spacing(self, count: int) -> float:
+        """Spacing in mm at which about `count` samples cover the face."""
+        return float(np.sqrt(self.samples(COARSE).areas.sum() / count))
 
     def samples(self, spacing: float) -> FaceSamples:
         """Points of the trimmed face about `spacing` mm apart, on a regular parameter grid clipped by the trim."""

@@ -62,6 +62,11 @@ class Solution:
     iterations: int
     status: str
 
+    @property
+    def failed(self) -> bool:
+        """Whether the motion is of no use."""
+        return self.status in ("lost", "singular")
+
 
 STATUS = {
     "converged": "the control points moved less than the tolerance",
@@ -96,7 +101,12 @@ def _basis(count: int, samples: int) -> _Basis:
 
 
 def error_field(
-    face: WorkFace, tool: Tool, motion: Motion, allowance: float, samples: tuple[int, int], start: AxisErrorField | None = None
+    face: WorkFace,
+    tool: Tool,
+    motion: Motion,
+    allowance: float,
+    samples: tuple[int, int],
+    start: AxisErrorField | None = None,
 ) -> tuple[AxisErrorField, Array, Array]:
     """Axis error of a motion on an m x n grid; also the normals (m, n, 3) and the sphere fractions s (n,)."""
     m, n = samples

@@ -36,7 +36,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     tolerance = job.tolerance
     tools = {tool.name: tool for tool in scene.tools}
     faces = [WorkFace.of(design, 0.0) for design in scene.faces]
-    samples = [face.samples(_spacing(face)) for face in faces]
+    samples = [face.samples(face.spacing(POINTS)) for face in faces]
     everything = np.concatenate([sample.points for sample in samples])
     screen = Screen(
         everything, check_points(scene.check), tolerance.overcut - tolerance.allowance, job.obstacles.margin
@@ -100,8 +100,3 @@ def _described(sweep: Sweep, gap: Array, covered: npt.NDArray[np.bool_], areas: 
         "gap_max_um": 1e3 * float(inside.max()),
     }
     return Sweep(sweep.face, sweep.tool, sweep.motion, facts)
-
-
-def _spacing(face: WorkFace) -> float:
-    coarse = face.samples(8.0)
-    return float(np.sqrt(coarse.areas.sum() / POINTS))

@@ -123,6 +123,16 @@ def build_cells(poses: Poses, move: Integers, interpolation: Interpolation) -> C
     return Cells(table, moves, begin, end - begin)
 
 
+def join_cells(parts: list[Cells]) -> Cells:
+    """Cells of several stretches as one."""
+    return Cells(
+        np.concatenate([part.cells for part in parts]),
+        np.concatenate([part.move for part in parts]),
+        np.concatenate([part.begin for part in parts]),
+        np.concatenate([part.width for part in parts]),
+    )
+
+
 def with_slack(cells: Array, reach: float) -> Array:
     """Fill in the slack for a body that reaches `reach` mm from the tip.
 

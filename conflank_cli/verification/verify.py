@@ -22,7 +22,7 @@ from conflank_cli.verification.gap import (
     section_bodies,
 )
 from conflank_cli.verification.kinematics import Frame, from_cad
-from conflank_cli.verification.poses import Cells, Poses, axis_between, build_cells, poses_on_part
+from conflank_cli.verification.poses import Cells, Poses, axis_between, build_cells, join_cells, poses_on_part
 from conflank_cli.verification.program import RETRACT_CHECKED, Interpolation, Moves, Program
 from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.result import (
@@ -36,7 +36,14 @@ from conflank_cli.verification.result import (
     Triple,
     Verification,
 )
-from conflank_cli.verification.sampling import POINTS_PER_FACE, FaceSample, MeshSample, sample_face, sample_mesh
+from conflank_cli.verification.sampling import (
+    MESH_SPACING,
+    POINTS_PER_FACE,
+    FaceSample,
+    MeshSample,
+    sample_face,
+    sample_mesh,
+)
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -181,6 +188,17 @@ def _stretches(poses: Poses, tools: list[Tool | None]) -> list[_Stretch]:
     return result
 
 
+def _together(stretches: list[_Stretch]) -> list[_Stretch]:
+    """All moves of each tool as one stretch: one search over everything is quicker than one for every cut."""
+    result = []
+    for tool in dict.fromkeys(stretch.tool for stretch in stretches):
+        own = [stretch for stretch in stretches if stretch.tool == tool]
+        modes = max(len(stretch.cells) for stretch in own)
+        chosen = [[stretch.cells[min(mode, len(stretch.cells) - 1)] for stretch in own] for mode in range(modes)]
+        result.append(_Stretch(tool, -1, tuple(join_cells(cells) for cells in chosen)))
+    return result
+
+
 def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _Swept:
     """The gap, worse of the two interpolations at every point and for every cut."""
     count = len(points)
@@ -192,6 +210,7 @@ def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _S
     by_cut = np.full((modes, len(kinds), count), np.inf)
     move_by_cut = np.full((len(kinds), count), -1, dtype=np.int64)
     bodies = [cutting_body(stretch.tool) for stretch in stretches]
+    together = _together(stretches)
     for mode in range(modes):
         for stretch, body in zip(stretches, bodies, strict=True):
             cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
@@ -209,9 +228,9 @@ def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _S
             moves[mode, nearer], shares[mode, nearer] = found.move[nearer], found.share[nearer]
         # Beyond the reach of every cut the gap is still a figure of its own: how much stock stands there.
         far = np.flatnonzero(~np.isfinite(gaps[mode]))
-        for stretch, body in zip(stretches, bodies, strict=True):
+        for stretch in together:
             cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
-            found = nearest(points[far], cells, body, gaps[mode, far])
+            found = nearest(points[far], cells, cutting_body(stretch.tool), gaps[mode, far])
             nearer = found.move >= 0
             gaps[mode, far[nearer]] = found.distance[nearer]
             moves[mode, far[nearer]], shares[mode, far[nearer]] = found.move[nearer], found.share[nearer]
@@ -388,6 +407,13 @@ def _sagged(figures: list[ClearanceFigures]) -> ClearanceFigures:
     return min(known, key=lambda item: item.least or 0.0) if known else ClearanceFigures(None, None)
 
 
+def _thinned(sample: FaceSample) -> npt.NDArray[np.bool_]:
+    """Which points of a face to keep so that they stand about as far apart as those of a mesh."""
+    inner = int((sample.area > 0.0).sum())
+    stride = max(1, int(MESH_SPACING**2 * inner / float(sample.area.sum())))
+    return np.asarray((np.arange(len(sample.area)) % stride == 0) | (sample.area == 0.0))
+
+
 def _clearances(
     scene: Scene, poses: Poses, stretches: list[_Stretch], samples: list[FaceSample]
 ) -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
@@ -398,7 +424,10 @@ def _clearances(
     numbers = np.concatenate(
         [np.full(len(sample.points), face.number) for face, sample in zip(scene.faces, samples, strict=True)]
     ).astype(np.int64)
-    design = MeshSample(np.concatenate([sample.points for sample in samples]), np.zeros(len(numbers)), numbers)
+    spread = np.concatenate([_thinned(sample) for sample in samples])
+    numbers = numbers[spread]
+    design = MeshSample(np.concatenate([sample.points for sample in samples])[spread], np.zeros(len(numbers)), numbers)
+    stretches = _together(stretches)
     foreign = mesh.face < 0
     findings: list[Finding] = []
     result: dict[str, ClearanceFigures] = {}
