@@ -8,7 +8,7 @@ from math import pi
 
 import numpy as np
 import numpy.typing as npt
-from OCP.BRep import BRep_Builder
+from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAlgoAPI import BRepAlgoAPI_BooleanOperation, BRepAlgoAPI_Common, BRepAlgoAPI_Fuse
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
@@ -34,7 +34,7 @@ from OCP.Geom import Geom_BSplineSurface, Geom_Surface
 from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.ShapeFix import ShapeFix_Edge, ShapeFix_Face
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID, TopAbs_VERTEX
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Wire
 
@@ -184,8 +184,18 @@ def revolved_solid(
     )
     shape = maker.Shape()
     known = [(name, face) for name, edge in edges for face in maker.Generated(edge)]
+    # The sweep does not report the flat rings of a full turn; no two flat rings of a profile share a height.
+    for name, edge in edges:
+        heights = _heights(edge)
+        if heights[0] == heights[-1] and not list(maker.Generated(edge)):
+            known += [(name, face) for face in faces_of(shape) if _heights(face)[0] == _heights(face)[-1] == heights[0]]
     BRepLib.OrientClosedSolid_s(TopoDS.Solid(shape))
     return _label(shape, known)
+
+
+def _heights(shape: TopoDS_Shape) -> list[float]:
+    """Heights z of a shape's vertices, ascending, to the tolerance of a vertex."""
+    return sorted(round(BRep_Tool.Pnt_s(TopoDS.Vertex(vertex)).Z(), 6) for vertex in _explore(shape, TopAbs_VERTEX))
 
 
 def _turned(shape: TopoDS_Shape, angle: float) -> BRepBuilderAPI_Transform:
