@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from conflank_cli.geometry.kernels.verified_gap import least_distance
 from conflank_cli.tool import Section, Tool
-from conflank_cli.verification.poses import GROUP, Cells, group_cells, with_slack
+from conflank_cli.verification.poses import GROUP, Cells, group_cells, unbroken, with_slack
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -124,6 +124,7 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     begin = np.ascontiguousarray(np.broadcast_to(np.asarray(start, dtype=np.float64), (count,)))
     if len(cells.cells) == 0 or count == 0:
         return Nearest(begin.copy(), np.full(count, -1, dtype=np.int64), np.zeros(count))
+    cells = unbroken(cells)
     table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
     poses, reaches, wide_poses, wide_reaches = group_cells(table, body.low, body.high, body.radius)
     distance, where, tau = least_distance(

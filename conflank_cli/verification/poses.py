@@ -7,6 +7,7 @@ rotary axes do when each moves evenly (PATHCTRL AXIS, M128). Both are built, wha
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import radians
 
 import numpy as np
@@ -131,6 +132,22 @@ def join_cells(parts: list[Cells]) -> Cells:
         np.concatenate([part.begin for part in parts]),
         np.concatenate([part.width for part in parts]),
     )
+
+
+def unbroken(cells: Cells) -> Cells:
+    """The same motion with every unbroken run filled up to whole wide groups, by repeating its last cell.
+
+    A group across a jump would reach over the whole jump and could never be skipped.
+    """
+    table = cells.cells
+    gaps = np.linalg.norm(table[1:, 0:3] - table[:-1, 0:3] - table[:-1, 3:6], axis=1)
+    bounds = np.concatenate([[0], np.flatnonzero(gaps > CELL_LENGTH) + 1, [len(table)]])
+    runs = []
+    for low, high in pairwise(bounds.tolist()):
+        filled = -(-(high - low) // GROUP**2) * GROUP**2
+        runs.append(np.minimum(np.arange(low, low + filled), high - 1))
+    order = np.concatenate(runs)
+    return Cells(table[order], cells.move[order], cells.begin[order], cells.width[order])
 
 
 def with_slack(cells: Array, reach: float) -> Array:
