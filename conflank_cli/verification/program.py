@@ -134,7 +134,8 @@ class Program:
     findings: tuple[Finding, ...]
 
 
-_NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
+NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
+"""A number with decimal point or comma, as a regular expression."""
 
 
 def number(text: str) -> float:
@@ -163,7 +164,7 @@ class HeaderReader:
             # A long list of faces takes several lines.
             self.part, self.faces = found[1], self.faces + tuple(int(item) for item in re.findall(r"\d+", found[2]))
         elif found := re.fullmatch(
-            rf"TOOL\s+(\d+)\s+(.*?)\s*R_MIN\s+({_NUMBER})\s+R_MAX\s+({_NUMBER})\s+LENGTH\s+({_NUMBER})\b.*", text
+            rf"TOOL\s+(\d+)\s+(.*?)\s*R_MIN\s+({NUMBER})\s+R_MAX\s+({NUMBER})\s+LENGTH\s+({NUMBER})\b.*", text
         ):
             self.tools.append(StatedTool(int(found[1]), found[2], *(number(found[k]) for k in (3, 4, 5))))
         elif found := re.fullmatch(r"REFERENCE\s+(TIP|SPHERE CENTRE)", text):
@@ -174,7 +175,7 @@ class HeaderReader:
             self.style = found[1]
         elif re.fullmatch(r"FRAME\s+CAD", text):
             self.frame = CAD_FRAME
-        elif found := re.fullmatch(rf"FRAME\s+ROTATE((?:\s+{_NUMBER}){{3}})\s+TRANSLATE((?:\s+{_NUMBER}){{3}})", text):
+        elif found := re.fullmatch(rf"FRAME\s+ROTATE((?:\s+{NUMBER}){{3}})\s+TRANSLATE((?:\s+{NUMBER}){{3}})", text):
             turn, shift = ([number(item) for item in found[k].split()] for k in (1, 2))
             self.frame = Frame((turn[0], turn[1], turn[2]), (shift[0], shift[1], shift[2]))
         return None

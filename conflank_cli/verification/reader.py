@@ -14,20 +14,20 @@ from math import radians
 
 import numpy as np
 
-from conflank_cli.verification.program import _NUMBER, CutLabel, HeaderReader, Interpolation, Program, Recorder, number
+from conflank_cli.verification.program import NUMBER, CutLabel, HeaderReader, Interpolation, Program, Recorder, number
 
 _INCH = 25.4
 _ROTARY = "ABC"
 
 _WORD = re.compile(
     rf"""\s*(?:
-      (?P<axis>I?[XYZABC])\s*(?:(?P<value>{_NUMBER})|(?P<parameter>[+-]?Q[LRS]?\d+))
-    | (?P<component>[NT][XYZ])\s*(?P<part>{_NUMBER})
-    | F\s*(?P<feed>MAX|AUTO|{_NUMBER}|Q[LRS]?\d+)
-    | (?P<variant>F[UTZ])\s*{_NUMBER}
+      (?P<axis>I?[XYZABC])\s*(?:(?P<value>{NUMBER})|(?P<parameter>[+-]?Q[LRS]?\d+))
+    | (?P<component>[NT][XYZ])\s*(?P<part>{NUMBER})
+    | F\s*(?P<feed>MAX|AUTO|{NUMBER}|Q[LRS]?\d+)
+    | (?P<variant>F[UTZ])\s*{NUMBER}
     | (?P<side>R[0LR])(?![A-Z0-9])
     | M\s*(?P<function>\d+)
-    | MB\s*(?P<back>MAX|{_NUMBER})
+    | MB\s*(?P<back>MAX|{NUMBER})
     )""",
     re.VERBOSE,
 )
@@ -251,13 +251,13 @@ class _Reading:
         found = re.match(r'TOOL CALL\s*(?:"([^"]*)"|(\d+)(?:\.\d+)?(?![\d.,]))?(.*)', text)
         assert found is not None
         rest = found[3]
-        if feed := re.search(rf"\bF\s*({_NUMBER})", rest):
+        if feed := re.search(rf"\bF\s*({NUMBER})", rest):
             self.recorder.feed = number(feed[1]) * (self.unit if self.unit == 1.0 else _INCH / 10.0)
         if found[1] is None and found[2] is None:
             return
         if axis := re.match(r"\s*([XYUVW])\b", rest):
             self.recorder.find("CF102", f"tool axis {axis[1]}: only Z is followed", block)
-        deltas = {name: number(value) for name, value in re.findall(rf"(D[LR])\s*({_NUMBER})", rest)}
+        deltas = {name: number(value) for name, value in re.findall(rf"(D[LR])\s*({NUMBER})", rest)}
         if deltas.get("DL"):
             self.recorder.find("CF102", f"length delta DL{deltas['DL']:+g} in the tool call is not followed", block)
         self.delta = bool(deltas.get("DR"))
@@ -284,17 +284,17 @@ class _Reading:
                 find("CF102", f"datum shift by {words.rest} is not followed", block)
                 self.recorder.foreign_frame = "a datum shift from a table"
         elif cycle == 247:
-            preset = re.search(rf"Q339\s*=\s*({_NUMBER})", text)
+            preset = re.search(rf"Q339\s*=\s*({NUMBER})", text)
             number_of = int(number(preset[1])) if preset else None
             if self.preset is not None and number_of != self.preset:
                 find("CF104", "more than one preset: the header states one frame", block)
             self.preset = number_of
         elif cycle == 32:
             if line == 1:
-                t = re.search(rf"\bT\s*({_NUMBER})", rest)
+                t = re.search(rf"\bT\s*({NUMBER})", rest)
                 self.recorder.tolerance = (number(t[1]) * self.unit, None) if t else self.recorder.tolerance
             elif line == 2 and self.recorder.tolerance is not None:
-                ta = re.search(rf"\bTA\s*({_NUMBER})", rest)
+                ta = re.search(rf"\bTA\s*({NUMBER})", rest)
                 if ta:
                     self.recorder.tolerance = (self.recorder.tolerance[0], number(ta[1]))
         elif cycle == 19:
@@ -333,7 +333,7 @@ class _Reading:
             recorder.control(True, Interpolation.AXIS)
         rapid = words.feed == "MAX"
         if words.feed is not None and not rapid:
-            if re.fullmatch(_NUMBER, words.feed):
+            if re.fullmatch(NUMBER, words.feed):
                 # Feeds of inch programs are in tenths of an inch a minute.
                 recorder.feed = number(words.feed) * (1.0 if self.unit == 1.0 else _INCH / 10.0)
             elif words.feed != "AUTO":
