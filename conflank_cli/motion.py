@@ -55,7 +55,12 @@ class Motion:
 
     def respaced(self, count: int) -> Motion:
         """The nearest motion with `count` control points on uniform knots, by least squares."""
-        knots = uniform_knots(count)
         t = np.linspace(0.0, 1.0, 8 * count)
-        control = make_lsq_spline(t, np.hstack(self.ends(t)), knots, DEGREE).c
-        return Motion(knots, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))
+        return fitted(t, np.hstack(self.ends(t)), count)
+
+
+def fitted(t: Array, ends: Array, count: int) -> Motion:
+    """Least-squares motion with `count` control points on uniform knots through axis ends (K, 6), p then q, at times t (K,)."""
+    knots = uniform_knots(count)
+    control = make_lsq_spline(t, ends, knots, DEGREE).c
+    return Motion(knots, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))

@@ -11,6 +11,7 @@ from conflank_cli.detection.line_field import seed_lines
 from conflank_cli.detection.ruled_fit import fit_motion
 from conflank_cli.detection.tracing import sphere_heights, trace
 from conflank_cli.errors import NumericalError
+from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
@@ -54,6 +55,7 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     """
     density = DENSITIES[scene.job.detection.density]
     tolerance = scene.job.tolerance
+    screen = Screen.of(scene)
     sweeps: list[Sweep] = []
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):
@@ -65,7 +67,9 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
                 heights = sphere_heights(tool)
                 places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
                 seeds = seed_lines(face, tool, contacts, places, tolerance.allowance)
-                traced = trace(face, tool, seeds, dense, tolerance.overcut, tolerance.undercut, tolerance.allowance)
+                traced = trace(
+                    face, tool, seeds, dense, screen, tolerance.overcut, tolerance.undercut, tolerance.allowance
+                )
                 for family in represent(traced, density.alike, SMALLEST * area)[: density.families]:
                     sequence = traced.sequences[family]
                     facts = {

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_lsq_spline
 
-from conflank_cli.motion import DEGREE, Motion, uniform_knots
+from conflank_cli.motion import DEGREE, Motion, fitted
 
 Array = npt.NDArray[np.float64]
 
@@ -27,10 +26,7 @@ def fit_motion(p: Array, d: Array, length: float) -> Motion:
     t = travel / travel[-1]
     count = int(np.clip(round(travel[-1] / SPACING) + DEGREE, FEWEST, MOST))
     count = min(count, max(len(p) - 1, DEGREE + 1))
-    knots = uniform_knots(count)
     both = np.hstack([p, q])
-    # Repeat the fit on a finer, linearly interpolated sequence where knot spans would be short of data.
+    # The fit is made on a finer, linearly interpolated sequence, for knot spans would be short of data.
     dense = np.linspace(0.0, 1.0, max(4 * count, len(t)))
-    values = np.stack([np.interp(dense, t, both[:, k]) for k in range(6)], axis=1)
-    control = make_lsq_spline(dense, values, knots, DEGREE).c
-    return Motion(knots, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))
+    return fitted(dense, np.stack([np.interp(dense, t, both[:, k]) for k in range(6)], axis=1), count)

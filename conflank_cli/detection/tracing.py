@@ -10,6 +10,7 @@ import numpy.typing as npt
 from conflank_cli.detection.line_field import SeedLines
 from conflank_cli.geometry.kernels.axis import trace_all
 from conflank_cli.geometry.kernels.cells import mark_cells
+from conflank_cli.geometry.screening import Screen, longest_run
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.tool import Tool
 
@@ -24,6 +25,8 @@ STEPS = 160
 CELLS = 72
 # Seeds traced together: bounds the memory of the tables below.
 BATCH = 512
+# Lines are still to be moved by the optimisation: so much violation is let pass, mm.
+SLACK = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +62,20 @@ def sphere_heights(tool: Tool) -> Array:
 
 
 def trace(
-    face: WorkFace, tool: Tool, seeds: SeedLines, samples: FaceSamples, over: float, under: float, allowance: float
+    face: WorkFace,
+    tool: Tool,
+    seeds: SeedLines,
+    samples: FaceSamples,
+    screen: Screen,
+    over: float,
+    under: float,
+    allowance: float,
 ) -> Traced:
     """Follow every seed. Seeds that no line within tolerance comes of leave no sequence.
 
     Parameters
     ----------
+    screen: what the tool must not hit; a sequence keeps its longest free stretch.
     samples: points of the face, dense against the cells; they give the cells their areas.
     over, under: tolerances, mm. allowance: stock to leave, mm.
     """
@@ -88,6 +99,7 @@ def trace(
             *spans, face.sense, face.raster, seeds.p[part], seeds.d[part], heights, radii, start,
             seeds.uv[part, 0].copy(), seeds.uv[part, 1].copy(), STEP, over, under, p, d, error, u, v, on, extent,
         )  # fmt: skip
+        _keep_free(screen, tool, p, d, extent)
         marks = np.zeros((count, CELLS, CELLS), dtype=np.bool_)
         mark_cells(spans.breaks_u, spans.breaks_v, error[:count], u, v, on, extent, over, under, marks)
         for k in np.flatnonzero(extent[:, 1] - extent[:, 0] >= 4):
@@ -98,6 +110,21 @@ def trace(
                 cells.append(covered)
     table = np.array(cells) if cells else np.zeros((0, int(used.sum())), dtype=np.bool_)
     return Traced(tuple(sequences), table, cell_areas[used])
+
+
+def _keep_free(screen: Screen, tool: Tool, p: Array, d: Array, extent: npt.NDArray[np.int64]) -> None:
+    """Shorten the rows in use (N, 2) of every sequence to its longest run of lines that hit nothing, in place."""
+    used = [(k, slice(low, high)) for k, (low, high) in enumerate(extent) if high > low]
+    if not used:
+        return
+    free = screen.free(
+        np.concatenate([p[k, row] for k, row in used]), np.concatenate([d[k, row] for k, row in used]), tool, SLACK, True
+    )
+    begin = 0
+    for k, row in used:
+        run = longest_run(free[begin : begin + row.stop - row.start])
+        begin += row.stop - row.start
+        extent[k] = (row.start, row.start) if run is None else (row.start + run[0], row.start + run[1] + 1)
 
 
 def _cell_areas(face: WorkFace, samples: FaceSamples) -> Array:

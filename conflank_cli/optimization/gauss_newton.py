@@ -81,6 +81,15 @@ OFF_FACE = 0.01
 BARRIER_FROM, BARRIER_GAIN = 0.5, 40.0
 
 
+class Step(NamedTuple):
+    """One step of Gauss-Newton: factors on mu2 and mu5 (fade) and on mu4 (stiff), scale of stock left in mm, barrier or not."""
+
+    fade: float
+    stiff: float
+    scale: float
+    barrier: bool
+
+
 class _Basis(NamedTuple):
     first: IntArray
     value: Array
@@ -151,9 +160,9 @@ def sample_weights(field: AxisErrorField, limits: Limits, scale: float, barrier:
 
 def minimise(
     face: WorkFace, tool: Tool, motion: Motion, limits: Limits, weights: Weights, samples: tuple[int, int],
-    schedule: tuple[tuple[float, float, float, bool], ...],
+    schedule: tuple[Step, ...],
 ) -> Solution:  # fmt: skip
-    """Gauss-Newton over a schedule of (fading of mu2 and mu5, factor on mu4, scale in mm, barrier), one step each.
+    """Gauss-Newton over a schedule of steps.
 
     The residuals are the axis errors (their exact gradient is the surface normal at the footpoint), |pq| - L, the second
     derivatives of p and q by travel, and the cosine between velocity and axis; each term enters as its mean square.

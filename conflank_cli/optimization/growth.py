@@ -1,4 +1,4 @@
-"""Growth: sliding the tool along its contact to where the flute covers most of the face."""
+"""Growth: moves that let a sweep cover more of the face, by sliding the tool along its contact or going on at an end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import FaceSamples
-from conflank_cli.motion import Motion
+from conflank_cli.motion import Motion, fitted
+from conflank_cli.optimization.gauss_newton import Limits
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -21,17 +22,7 @@ FURTHEST, STEP = 6.0, 0.1
 WORTH = 1.003
 
 
-def covered_area(
-    motion: Motion, tool: Tool, samples: FaceSamples, over: float, under: float, allowance: float
-) -> float:
-    """Area in mm2 that a motion leaves within tolerance; less than nothing is left where it overcuts: then 0."""
-    gap = motion_gap(motion, tool, samples.points)[0] - allowance
-    if gap.min() < -over:
-        return 0.0
-    return float(samples.areas[gap <= under].sum())
-
-
-def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, over: float, under: float, allowance: float) -> float:
+def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits) -> float:
     """How far (mm, along the axis towards the spindle) to slide so that the flute covers most area.
 
     The cone is prolonged at both ends; every point of the face then has a height at which the prolonged cone touches it, and the
@@ -47,8 +38,8 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, over: float, un
     d = (q - p) / tool.length
     prolonged = Motion(motion.knots, p - low * d, q + FURTHEST * d)
     gap, time = motion_gap(prolonged, long, samples.points)
-    gap = gap - allowance
-    inside = (gap >= -over) & (gap <= under)
+    gap = gap - limits.allowance
+    inside = (gap >= -limits.over) & (gap <= limits.under)
     if not inside.any():
         return 0.0
     start, end = motion.ends(time[inside])
@@ -82,3 +73,20 @@ def slid(motion: Motion, tool: Tool, distance: float, away: Array) -> Motion:
     across /= np.linalg.norm(across, axis=1)[:, None]
     shift = distance * (d - tan(tool.half_angle) * across)
     return Motion(motion.knots, motion.p + shift, motion.q + shift)
+
+
+def lengthened(motion: Motion, distance: float, at_end: bool) -> Motion:
+    """The motion continued by about `distance` mm of travel at its start or end, with the curvature it has there."""
+    t = np.linspace(0.0, 1.0, 8 * len(motion.p))
+    place = 1.0 if at_end else 0.0
+    value, slope, bend = (np.hstack(motion.ends([place], order)) for order in range(3))
+    speed = max(float(np.linalg.norm(slope[0, :3])), float(np.linalg.norm(slope[0, 3:])))
+    more = distance / speed
+    beyond = np.linspace(0.0, more, max(int(8 * len(motion.p) * more), 4) + 1)[1:, None]
+    if not at_end:
+        beyond = -beyond[::-1]
+    added = value + slope * beyond + 0.5 * bend * beyond**2
+    inner = np.hstack(motion.ends(t))
+    times = np.concatenate([t, 1.0 + beyond[:, 0]] if at_end else [beyond[:, 0], t])
+    both = np.concatenate([inner, added] if at_end else [added, inner])
+    return fitted((times - times[0]) / (times[-1] - times[0]), both, round(len(motion.p) * (1.0 + more)))

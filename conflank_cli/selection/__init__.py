@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cover import greedy_cover
 from conflank_cli.geometry.gap import motion_gap, travel
+from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
-from conflank_cli.selection.cover import greedy_cover
-from conflank_cli.selection.screening import Screen, check_points
 from conflank_cli.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
@@ -37,17 +37,13 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     tools = {tool.name: tool for tool in scene.tools}
     faces = [WorkFace.of(design, 0.0) for design in scene.faces]
     samples = [face.samples(face.spacing(POINTS)) for face in faces]
-    everything = np.concatenate([sample.points for sample in samples])
-    screen = Screen(
-        everything, check_points(scene.check), tolerance.overcut - tolerance.allowance, job.obstacles.margin
-    )
+    screen = Screen.of(scene)
 
     def judge(sweep: Sweep) -> tuple[Sweep, Array] | None:
         tool = tools[sweep.tool]
-        stretch = screen.allowed(sweep.motion, tool)
-        if stretch is None:
+        motion = screen.allowed(sweep.motion, tool)
+        if motion is None:
             return None
-        motion = sweep.motion if stretch == (0.0, 1.0) else sweep.motion.restricted(*stretch)
         gap, _ = motion_gap(motion, tool, samples[sweep.face].points)
         return Sweep(sweep.face, sweep.tool, motion, sweep.facts), gap - tolerance.allowance
 
@@ -66,7 +62,9 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
         own = [(sweep, gap) for sweep, gap in judged if sweep.face == index]
         gaps = np.array([gap for _, gap in own]) if own else np.zeros((0, len(sample.areas)))
         covers = (gaps >= -tolerance.overcut) & (gaps <= tolerance.undercut)
-        chosen = greedy_cover(covers, sample.areas, job.selection.coverage, LEAST_GAIN)
+        inside_area = np.maximum(covers @ sample.areas, 1e-12)
+        errors = np.where(covers, np.abs(gaps), 0.0) @ sample.areas / inside_area
+        chosen = greedy_cover(covers, sample.areas, errors, job.selection.coverage, LEAST_GAIN)
         for k in chosen:
             plan.append(_described(own[k][0], gaps[k], covers[k], sample.areas))
         total = float(sample.areas.sum())

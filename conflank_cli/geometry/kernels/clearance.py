@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 
 @njit(inline="always")
@@ -29,42 +29,67 @@ def section_distance(z, r, low, high, r_low, r_high):
     return np.sqrt(above * above + (r - r_high) * (r - r_high))
 
 
-@njit(cache=True, nogil=True)
-def assembly_slack(p, d, points, sections, margins, slack, nearest):
-    """Least distance minus margin over all points and sections, for every pose.
+@njit(inline="always")
+def pose_slack(px, py, pz, dx, dy, dz, points, starts, centres, radii, ball, ball_margin, sections, margins, best):
+    """Least distance minus margin of one pose, cut off at `best`, and the nearest point's index or -1.
 
-    p (M, 3): axis points at height 0; d (M, 3): unit directions. points (N, 3). sections (S, 4): heights of both ends and radii
-    there, margins (S,). Fills slack (M,) in mm, cut off at the start value in it, and nearest (M,), the point's index or -1.
+    A cell whose bounding sphere lies beyond the best so far is passed over whole.
     """
-    lowest = sections[0, 0]
-    highest = sections[0, 1]
-    widest = 0.0
-    most = margins[0]
-    for s in range(sections.shape[0]):
-        lowest = min(lowest, sections[s, 0])
-        highest = max(highest, sections[s, 1])
-        widest = max(widest, max(sections[s, 2], sections[s, 3]))
-        most = max(most, margins[s])
-    for k in range(p.shape[0]):
-        best = slack[k]
-        nearest[k] = -1
-        for i in range(points.shape[0]):
-            x = points[i, 0] - p[k, 0]
-            y = points[i, 1] - p[k, 1]
-            t = points[i, 2] - p[k, 2]
-            z = x * d[k, 0] + y * d[k, 1] + t * d[k, 2]
-            reach = best + most
-            if z < lowest - reach or z > highest + reach:
-                continue
+    nearest = -1
+    for c in range(centres.shape[0]):
+        x = centres[c, 0] - px
+        y = centres[c, 1] - py
+        t = centres[c, 2] - pz
+        z = x * dx + y * dy + t * dz
+        square = x * x + y * y + t * t - z * z
+        r = np.sqrt(square) if square > 0.0 else 0.0
+        bound = np.sqrt((z - ball[0]) * (z - ball[0]) + r * r) - ball[1] - ball_margin
+        for s in range(sections.shape[0]):
+            bound = min(
+                bound,
+                section_distance(z, r, sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 3]) - margins[s],
+            )
+        if bound - radii[c] >= best:
+            continue
+        for i in range(starts[c], starts[c + 1]):
+            x = points[i, 0] - px
+            y = points[i, 1] - py
+            t = points[i, 2] - pz
+            z = x * dx + y * dy + t * dz
             square = x * x + y * y + t * t - z * z
-            if square > (widest + reach) * (widest + reach):
-                continue
             r = np.sqrt(square) if square > 0.0 else 0.0
+            value = np.sqrt((z - ball[0]) * (z - ball[0]) + r * r) - ball[1] - ball_margin
             for s in range(sections.shape[0]):
-                value = (
-                    section_distance(z, r, sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 3]) - margins[s]
+                value = min(
+                    value,
+                    section_distance(z, r, sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 3]) - margins[s],
                 )
-                if value < best:
-                    best = value
-                    nearest[k] = i
-        slack[k] = best
+            if value < best:
+                best = value
+                nearest = i
+    return best, nearest
+
+
+@njit(cache=True, nogil=True)
+def assembly_slack(p, d, points, starts, centres, radii, ball, ball_margin, sections, margins, slack):
+    """Least distance minus margin over all points, for every pose.
+
+    p (M, 3): axis points at height 0; d (M, 3): unit directions. points (N, 3) sorted by cell, starts (C + 1,) where each cell
+    begins, centres (C, 3) and radii (C,) of their bounding spheres. ball (2,): height of its centre and radius, with its margin.
+    sections (S, 4): heights of both ends and radii there, with margins (S,). slack (M,) mm: cut off at the value in it on input.
+    """
+    for k in range(p.shape[0]):
+        slack[k] = pose_slack(
+            p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2],
+            points, starts, centres, radii, ball, ball_margin, sections, margins, slack[k],
+        )[0]  # fmt: skip
+
+
+@njit(cache=True, parallel=True)
+def assembly_slack_parallel(p, d, points, starts, centres, radii, ball, ball_margin, sections, margins, slack):
+    """The same on all cores."""
+    for k in prange(p.shape[0]):
+        slack[k] = pose_slack(
+            p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2],
+            points, starts, centres, radii, ball, ball_margin, sections, margins, slack[k],
+        )[0]  # fmt: skip

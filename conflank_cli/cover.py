@@ -1,0 +1,62 @@
+"""Set cover on the points of a face: which few sweeps leave most of it within tolerance.
+
+Source: greedy choice by area, Calleja et al. (2018), section 5.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Gains this near to the largest count as equal; the more accurate sweep is then preferred.
+EQUAL = 0.99
+
+
+def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, least: float) -> list[int]:
+    """Indices of sets that cover `target` of the area, each with the largest gain left.
+
+    Parameters
+    ----------
+    covers: (K, N), which points each set covers.
+    areas: (N,), area of each point.
+    errors: (K,), mean |g| of each set; decides between gains that are about equal.
+    target: fraction of the whole area to reach.
+    least: stop where no set adds this fraction of the area any more.
+
+    Sets that later choices made superfluous are taken out again. Does not promise the fewest sets.
+    """
+    total = areas.sum()
+    chosen: list[int] = []
+    left = areas.copy()
+    while len(chosen) < len(covers) and left.sum() > (1.0 - target) * total:
+        gains = covers @ left
+        largest = gains.max()
+        if largest < least * total:
+            break
+        equal = np.flatnonzero(gains >= EQUAL * largest)
+        best = int(equal[np.argmin(errors[equal])])
+        chosen.append(best)
+        left[covers[best]] = 0.0
+    reached = areas[covers[chosen].any(axis=0)].sum() if chosen else 0.0
+    for k in sorted(chosen, key=lambda k: float(covers[k] @ areas)):
+        rest = [other for other in chosen if other != k]
+        if rest and areas[covers[rest].any(axis=0)].sum() >= min(reached, target * total):
+            chosen = rest
+    return chosen
+
+
+def shortlist(covers: BoolArray, areas: Array, errors: Array, count: int, least: float) -> list[int]:
+    """About `count` indices that belong to good covers: greedy covers one after the other, each without those before."""
+    open_ = np.ones(len(covers), dtype=np.bool_)
+    chosen: list[int] = []
+    while len(chosen) < count and open_.any():
+        index = np.flatnonzero(open_)
+        found = index[greedy_cover(covers[index], areas, errors[index], 1.0, least)]
+        if not len(found):
+            break
+        chosen.extend(int(k) for k in found)
+        open_[found] = False
+    return chosen

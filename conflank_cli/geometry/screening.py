@@ -1,0 +1,180 @@
+"""What a motion may not do: hit the part with cutter, shank or holder. What does is trimmed off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.gap import travel
+from conflank_cli.geometry.kernels.clearance import assembly_slack, assembly_slack_parallel
+from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.motion import Motion
+from conflank_cli.scene import Scene
+from conflank_cli.tool import Section, Tool
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Poses of a motion are judged this far apart, mm.
+STEP = 0.75
+# Check geometry is sampled at most this far apart, mm, and thinned to half of that: between samples a ball of radius 1.5 in a
+# fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a gouge.
+POINT_SPACING = 0.4
+# Points of design faces that shank and holder are held against, for each face.
+FACE_POINTS = 6000
+# Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, a few hundred points in each.
+CELL = 5.0
+# Shorter stretches than this are not worth a cut, mm of travel.
+SHORTEST = 3.0
+# Slack above this does not matter, mm.
+ENOUGH = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class PointCells:
+    """Points grouped by cell: points (N, 3) sorted by cell, starts (C + 1,), bounding spheres centres (C, 3), radii (C,)."""
+
+    points: Array
+    starts: IntArray
+    centres: Array
+    radii: Array
+
+    @classmethod
+    def of(cls, points: Array) -> PointCells:
+        """Group points (N, 3)."""
+        if not len(points):
+            return cls(np.zeros((0, 3)), np.zeros(1, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+        key = np.floor((points - points.min(axis=0)) / CELL).astype(np.int64)
+        _, cell = np.unique(key, axis=0, return_inverse=True)
+        cell = cell.ravel()
+        order = np.argsort(cell, kind="stable")
+        ordered = np.ascontiguousarray(points[order])
+        counts = np.bincount(cell)
+        starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        centres = np.stack([np.bincount(cell, points[:, k]) / counts for k in range(3)], axis=1)
+        away = np.linalg.norm(ordered - np.repeat(centres, counts, axis=0), axis=1)
+        return cls(ordered, starts, centres, np.maximum.reduceat(away, starts[:-1]))
+
+
+def mesh_points(mesh: CheckMesh) -> Array:
+    """Points on a mesh, at most POINT_SPACING apart and not much closer, shape (N, 3)."""
+    if not len(mesh.triangles):
+        return np.zeros((0, 3))
+    corners = mesh.vertices[mesh.triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    counts = np.ceil(edges / POINT_SPACING).astype(int)
+    parts = [mesh.vertices[np.unique(mesh.triangles)]]
+    for count in np.unique(counts[counts > 1]):
+        weights = np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
+        inner = weights[np.all(weights < 1.0, axis=1)]
+        parts.append(np.einsum("wc,tcx->twx", inner, corners[counts == count]).reshape(-1, 3))
+    points = np.concatenate(parts)
+    key = np.floor(points / (0.5 * POINT_SPACING)).astype(np.int64)
+    _, first = np.unique(key, axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Distances to keep, mm, by component; negative: so much may be cut into."""
+
+    cutter: float
+    shank: float
+    holder: float
+
+
+@dataclass(frozen=True, slots=True)
+class Screen:
+    """What every motion is held against.
+
+    Attributes
+    ----------
+    design: points of the design faces; cutter and shank may not overcut them, the holder keeps its margin.
+    check: points of the check geometry; the cutter may not overcut it (it is the same part), shank and holder keep
+        their margins.
+    design_margins, check_margins: those distances.
+    """
+
+    design: PointCells
+    check: PointCells
+    design_margins: Margins
+    check_margins: Margins
+
+    @classmethod
+    def of(cls, scene: Scene) -> Screen:
+        """The screen of a job."""
+        faces = [WorkFace.of(design, 0.0) for design in scene.faces]
+        points = np.concatenate([face.samples(face.spacing(FACE_POINTS)).points for face in faces])
+        over, allowance = scene.job.tolerance.overcut, scene.job.tolerance.allowance
+        margin = scene.job.obstacles.margin
+        return cls(
+            PointCells.of(points),
+            PointCells.of(mesh_points(scene.check)),
+            Margins(allowance - over, allowance - over, margin.holder),
+            Margins(-over, margin.shank, margin.holder),
+        )
+
+    def free(self, p: Array, d: Array, tool: Tool, slack: float = 0.0, parallel: bool = False) -> BoolArray:
+        """Which poses (M,), axis points p at height 0 and directions d (M, 3), violate nothing.
+
+        `slack` mm of violation is let pass, for poses that are still to be moved.
+        """
+        run = assembly_slack_parallel if parallel else assembly_slack
+        sections, component = _assembly(tool)
+        ball = np.array([tool.ball_centre_height, tool.ball_radius])
+        free = np.ones(len(p), dtype=np.bool_)
+        for cells, margins in ((self.design, self.design_margins), (self.check, self.check_margins)):
+            limits = np.array([getattr(margins, name) for name in component])
+            left = np.full(len(p), ENOUGH)
+            run(
+                p, d, cells.points, cells.starts, cells.centres, cells.radii, ball, margins.cutter, sections, limits, left
+            )  # fmt: skip
+            free &= left >= -slack
+        return free
+
+    def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
+        """The longest stretch of a motion that violates nothing, or None where there is none worth a cut."""
+        length = travel(motion)
+        count = max(int(np.ceil(length / STEP)), 8) + 1
+        times = np.linspace(0.0, 1.0, count)
+        p, q = motion.ends(times)
+        d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
+        stretch = longest_run(self.free(p, d, tool))
+        if stretch is None:
+            return None
+        start, end = float(times[stretch[0]]), float(times[stretch[1]])
+        if (end - start) * length < SHORTEST:
+            return None
+        return motion if (start, end) == (0.0, 1.0) else motion.restricted(start, end)
+
+
+def _assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
+    """Cone, shank and holder as truncated cones (S, 4): heights of both ends, radii there; and each one's component."""
+    rows = [(0.0, tool.length, tool.r_min, tool.r_max)]
+    names = ["cutter"]
+    top = tool.length
+
+    def stack(sections: tuple[Section, ...], name: str) -> None:
+        nonlocal top
+        for section in sections:
+            rows.append((top, top + section.length, 0.5 * section.diameter_low, 0.5 * section.diameter_high))
+            names.append(name)
+            top += section.length
+
+    stack(tool.shank, "shank")
+    stack(tool.holder, "holder")
+    return np.array(rows), tuple(names)
+
+
+def longest_run(free: BoolArray) -> tuple[int, int] | None:
+    """First and last index of the longest run of True, or None."""
+    change = np.diff(np.concatenate([[False], free, [False]]).astype(np.int8))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+    if not len(starts):
+        return None
+    best = int(np.argmax(ends - starts))
+    return int(starts[best]), int(ends[best])

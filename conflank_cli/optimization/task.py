@@ -1,0 +1,129 @@
+"""Optimising one sweep: the paper's problem first, then finer knots and growth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.geometry.gap import motion_gap, travel
+from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.workface import FaceSamples, WorkFace
+from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.optimization.gauss_newton import Limits, Solution, Step, Weights, minimise
+from conflank_cli.optimization.growth import best_slide, lengthened, slid
+from conflank_cli.tool import Tool
+
+Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Steps with the paper's weights, then steps in which mu2 and mu5 fade by a decade each, then steps that settle.
+PAPER_STEPS, FADE_STEPS, SETTLE_STEPS = 4, 8, 6
+# Rigidity gains weight as the other terms fade, so that |pq| = L holds to well below a micrometre.
+STIFFEST = 1.0e3
+# Stock left counts in full up to about this many tolerances, at first and in the end.
+SCALE_FIRST, SCALE_LAST = 3.0, 0.8
+# Control points while settling: one every so many mm of travel, at most so many.
+FINE_SPACING, FINE_MOST = 3.0, 64
+# Factor on mu3 while settling: the soft modes have settled by then, and proximity would only slow what is left.
+SETTLE_PROXIMITY = 0.01
+# Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
+ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
+# A sweep is continued where this share of its last axis is still on the face.
+STILL_ON_FACE = 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What every sweep of one face and tool is optimised with.
+
+    samples are the points its covered area is judged on; grid is m, n; polish and grow as in the job.
+    """
+
+    face: WorkFace
+    tool: Tool
+    samples: FaceSamples
+    screen: Screen
+    limits: Limits
+    weights: Weights
+    grid: tuple[int, int]
+    polish: bool
+    grow: bool
+
+    def first(self, motion: Motion) -> Solution:
+        """The paper's problem from a detected motion."""
+        return self._minimise(motion, self._schedule(), self.weights)
+
+    def refined(self, solution: Solution) -> Solution:
+        """Finer knots, then moves that cover more, as long as they do."""
+        count = int(np.clip(round(travel(solution.motion) / FINE_SPACING) + 3, len(solution.motion.p), FINE_MOST))
+        best = self._settled(solution.motion.respaced(count))
+        if best.failed:
+            return solution
+        if not self.grow:
+            return best
+        area = self._covered_area(best.motion)
+        for _ in range(ROUNDS):
+            before = area
+            for move in self._moves(best):
+                trial = self._settled(move)
+                if not trial.failed and (grown := self._covered_area(trial.motion)) > WORTH * area:
+                    best, area = trial, grown
+            if area == before:
+                break
+        return best
+
+    def gaps(self, motion: Motion) -> Array:
+        """Swept gap less allowance, (N,) mm, at the samples, of what the screen leaves of a motion; inf where nothing."""
+        allowed = self.screen.allowed(motion, self.tool)
+        if allowed is None:
+            return np.full(len(self.samples.areas), np.inf)
+        return motion_gap(allowed, self.tool, self.samples.points)[0] - self.limits.allowance
+
+    def covered(self, gaps: Array) -> BoolArray:
+        """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
+        return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
+
+    def _covered_area(self, motion: Motion) -> float:
+        return float(self.samples.areas[self.covered(self.gaps(motion))].sum())
+
+    def _moves(self, solution: Solution) -> Iterator[Motion]:
+        motion = solution.motion
+        slide = best_slide(motion, self.tool, self.samples, self.limits)
+        if slide != 0.0:
+            yield slid(motion, self.tool, slide, self._away(motion))
+        for at_end in (False, True):
+            if np.mean(solution.field.on[-1 if at_end else 0] > 0.5) > STILL_ON_FACE:
+                yield lengthened(motion, LENGTHEN, at_end)
+
+    def _away(self, motion: Motion) -> Array:
+        """Surface normals towards the cutter at the middle of the flute, one for every control point."""
+        knots = motion.knots
+        greville = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(len(motion.p))])
+        p, q = motion.ends(greville)
+        return self.face.sense * self.face.projector.project(0.5 * (p + q)).normal
+
+    def _settled(self, motion: Motion) -> Solution:
+        weights = replace(self.weights, mu3=self.weights.mu3 * SETTLE_PROXIMITY)
+        return self._minimise(motion, (self._schedule()[-1],) * SETTLE_STEPS, weights)
+
+    def _schedule(self) -> tuple[Step, ...]:
+        """Steps of Gauss-Newton.
+
+        The paper's functional with its weights comes first. Fairness and orthogonality pull an exact motion off its
+        envelope by micrometres, so they fade. With `polish` the samples beyond tolerance fade as well and overcut
+        meets a barrier, so that the last steps serve what is covered.
+        """
+        under = self.limits.under
+        steps = [Step(1.0, 1.0, SCALE_FIRST * under, False)] * PAPER_STEPS
+        for k in range(1, FADE_STEPS + 1):
+            scale = SCALE_FIRST * (SCALE_LAST / SCALE_FIRST) ** (k / FADE_STEPS) if self.polish else SCALE_FIRST
+            steps.append(Step(10.0**-k, min(10.0 ** (k / 2), STIFFEST), scale * under, self.polish))
+        return tuple(steps)
+
+    def _minimise(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:
+        # Three samples to a knot span at least, or the finest wiggles of the spline go unseen.
+        grid = (max(self.grid[0], 3 * len(motion.p)), self.grid[1])
+        return minimise(self.face, self.tool, motion, self.limits, weights, grid, steps)
