@@ -8,9 +8,9 @@ edges touch the same spheres in the same points, so they join with a common tang
 Symbols: x in [0, 1] runs from the leading to the trailing edge, h in [0, 1] from hub to tip (or shroud). Both may be
 exceeded a little, so that solids can be trimmed. Lengths in mm, angles in radians.
 
-Source: NASA SP-36, Johnsen and Bullock (eds.), Aerodynamic Design of Axial-Flow Compressors (1965), ch. VI (mean line
+Source: NASA SP-36, Johnsen and Bullock (eds.), Aerodynamic Design of Axial-Flow Compressors (1965) (mean line
 plus thickness, round edges tangent to both sides); Pottmann and Peternell, Applications of Laguerre geometry in CAGD,
-Computer Aided Geometric Design 15 (1998), section 4 (envelopes of one- and two-parameter families of spheres).
+Computer Aided Geometric Design 15 (1998) (envelopes of one- and two-parameter families of spheres).
 """
 
 from __future__ import annotations

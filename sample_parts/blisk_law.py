@@ -7,11 +7,11 @@ Laws over the height h = (r - hub radius) / height:
 
 - chord, camber angle and thickness ratio: linear between hub and tip;
 - stagger psi: tan psi = A r - B / r, the direction of a flow with uniform axial speed and free-vortex whirl seen from
-  the wheel (Dixon and Hall, Fluid Mechanics and Thermodynamics of Turbomachinery, 7th ed. 2014, section 6.2-6.3);
+  the wheel (Dixon and Hall, Fluid Mechanics and Thermodynamics of Turbomachinery, 7th ed. 2014, ch. 6);
   A and B follow from the two given staggers;
 - lean: tangential shift of the section, growing with the square of the height;
 - camber line: circular arc; thickness: parabola between round edges, the thin-blade limit of the double circular arc
-  (NASA SP-36, Johnsen and Bullock (eds.), 1965, ch. VI).
+  (NASA SP-36, Johnsen and Bullock (eds.), 1965).
 """
 
 from __future__ import annotations

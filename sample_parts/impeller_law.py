@@ -7,10 +7,10 @@ r = r2 - a(h) cos tau, z = z1 - b(h) sin tau, tau in [0, pi/2], with a and b lin
 Blade angle beta against the meridional direction:
 
 - at the inlet tan beta_1 = k r, a swirl-free flow of uniform axial speed seen from the wheel (Dixon and Hall, Fluid
-  Mechanics and Thermodynamics of Turbomachinery, 7th ed. 2014, section 7.3);
+  Mechanics and Thermodynamics of Turbomachinery, 7th ed. 2014, ch. 7);
 - at the exit beta_2 = backsweep on every stream surface;
 - in between beta = beta_1 + (beta_2 - beta_1) (3 x^2 - 2 x^3), with x = 2 tau / pi, so it is level at both ends
-  (the usual polynomial laws: Aungier, Centrifugal Compressors, ASME Press 2000, ch. 7).
+  (the usual polynomial laws: Aungier, Centrifugal Compressors, ASME Press 2000).
 
 The wrap angle is the integral of tan(beta) / r along each stream surface, from the exit, where the edge is axial.
 
