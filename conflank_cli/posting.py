@@ -7,18 +7,19 @@ plane of r_max, stays within `CHORD_TOLERANCE` of the exact motion either way.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from conflank_cli.errors import InputError, NumericalError
 from conflank_cli.geometry.footpoint import Projector
-from conflank_cli.job import Job, Setup
+from conflank_cli.geometry.screening import Screen
+from conflank_cli.job import Job
+from conflank_cli.machine_frame import Frame, machine_of
 from conflank_cli.motion import Motion
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -26,7 +27,7 @@ from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
 from postprocessors.heidenhain.conversational import ProgramOptions, write_program
 from postprocessors.kinematics.two_rotary import Run, choose_words, forward
-from postprocessors.machines.machine import Machine, load_machine, parse_machine
+from postprocessors.machines.machine import Machine
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
 
 Array = npt.NDArray[np.float64]
@@ -51,35 +52,14 @@ AWAY_SAMPLES = 9
 """Places along a sweep where the direction away from the face is taken."""
 HULL_SAMPLES = 65
 """Rows and columns of points that stand for a face when its size is taken; they also give its border."""
+LINK_SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Shares of the clearance by which a link stands off the face, tried in this order."""
+LINK_LIFTS_DEG = (0.0, 30.0, 60.0, 80.0)
+"""Angles by which the shift off the face leans up the tool axis."""
+LINK_STEP = 1.0
+"""Poses of a link are held against the part this far apart, mm."""
 BLANK_RATIO = 150.0
 """Largest ratio of the blank's sides (the control refuses 200)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """The frame on the machine table: x_program = rotation x_cad + translation (mm)."""
-
-    rotation: Array
-    translation: Array
-    text: str
-
-    @classmethod
-    def of(cls, setup: Setup) -> Frame:
-        """The frame of a job: XYZ intrinsic rotation, then translation."""
-        rotation = Rotation.from_euler("XYZ", setup.rotate_deg, degrees=True).as_matrix()
-        values = [*setup.rotate_deg, *setup.translate]
-        if not any(values):
-            return cls(np.eye(3), np.zeros(3), "CAD")
-        text = "ROTATE {} {} {} TRANSLATE {} {} {}".format(*(f"{value:.9g}" for value in values))
-        return cls(rotation, np.asarray(setup.translate, dtype=np.float64), text)
-
-    def points(self, points: Array) -> Array:
-        """Points (..., 3) in the program's frame."""
-        return np.asarray(points @ self.rotation.T + self.translation)
-
-    def directions(self, directions: Array) -> Array:
-        """Directions (..., 3) in the program's frame."""
-        return np.asarray(directions @ self.rotation.T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,13 +96,6 @@ class Ride:
 
 
 # --- the job's program ----------------------------------------------------------------------------------------------
-
-
-def machine_of(job: Job) -> Machine:
-    """The machine of a job: from the text of its file, or shipped."""
-    if job.machine.definition is not None:
-        return parse_machine(job.machine.definition, job.machine.file or job.machine.name)
-    return load_machine(job.machine.name)
 
 
 def program_options(job: Job) -> ProgramOptions:
@@ -172,6 +145,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
     tools = {tool.name: tool for tool in scene.tools}
     frame = Frame.of(scene.job.setup)
+    screen = Screen.of(scene)
     program = scene.job.program
     projectors = [Projector.of(face.surface) for face in scene.faces]
     hull = frame.points(_hull(scene, projectors))
@@ -198,8 +172,8 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     ):
         feed = contact_feed(tip, axis, word, ride, machine)
         plane = _SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-        inward = plane.link(tip[0], axis[0], away_in)
-        outward = plane.link(tip[-1], axis[-1], away_out)[::-1]
+        inward = _clearest(plane.links(tip[0], axis[0], away_in), axis[0], ride, screen)
+        outward = _clearest(plane.links(tip[-1], axis[-1], away_out), axis[-1], ride, screen)[::-1]
         slow = float(feed[0])
         still_in, still_out = (np.repeat(axis[index][None], 3, axis=0) for index in (0, -1))
         stretches.append(
@@ -428,15 +402,40 @@ class _SafePlane:
     height: float
     clearance: float
 
-    def link(self, tip: Array, axis: Array, away: Array) -> Array:
-        """Tip points from the safe plane down beside the pose, and to the pose, (3, 3).
+    def links(self, tip: Array, axis: Array, away: Array) -> Iterator[Array]:
+        """Ways from the safe plane down beside a pose and to the pose, tip points (3, 3) each, the plainest first.
 
         Beside the pose means shifted off the face by the clearance. On the way down whatever part of the cutter passes
         a place is thinner than the part that stands there in the end, so it stays clear of what the pose is clear of.
+        Where another part of the workpiece is near, a shorter shift that also lifts may still be free.
         """
-        beside = tip + self.clearance * away
-        lift = max(self.height - float((beside - self.centre) @ axis), self.clearance)
-        return np.stack([beside + lift * axis, beside, tip])
+        for share in LINK_SHARES:
+            for lift in np.radians(LINK_LIFTS_DEG):
+                beside = tip + share * self.clearance * (np.cos(lift) * away + np.sin(lift) * axis)
+                height = max(self.height - float((beside - self.centre) @ axis), self.clearance)
+                yield np.stack([beside + height * axis, beside, tip])
+
+
+def _clearest(links: Iterable[Array], axis: Array, ride: Ride, screen: Screen) -> Array:
+    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them."""
+    best, fewest = np.zeros((3, 3)), np.inf
+    for link in links:
+        down = _points_between(link[1], link[0], LINK_STEP)
+        tips = np.concatenate([_points_between(link[2], link[1], LINK_STEP), down])
+        axes = np.broadcast_to(axis, tips.shape)
+        p = (tips - ride.tool.tip_height * axes - ride.frame.translation) @ ride.frame.rotation
+        hits = int(np.sum(~screen.free(p, axes @ ride.frame.rotation, ride.tool)))
+        if hits < fewest:
+            best, fewest = link, hits
+        if hits == 0:
+            break
+    return best
+
+
+def _points_between(start: Array, end: Array, step: float) -> Array:
+    """Points on a straight line, at most `step` mm apart, both ends included, (N, 3)."""
+    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
+    return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
 
 
 def _hull(scene: Scene, projectors: Sequence[Projector]) -> Array:

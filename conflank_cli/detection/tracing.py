@@ -118,7 +118,11 @@ def _keep_free(screen: Screen, tool: Tool, p: Array, d: Array, extent: npt.NDArr
     if not used:
         return
     free = screen.free(
-        np.concatenate([p[k, row] for k, row in used]), np.concatenate([d[k, row] for k, row in used]), tool, SLACK, True
+        np.concatenate([p[k, row] for k, row in used]),
+        np.concatenate([d[k, row] for k, row in used]),
+        tool,
+        SLACK,
+        True,
     )
     begin = 0
     for k, row in used:

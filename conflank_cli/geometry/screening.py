@@ -1,4 +1,4 @@
-"""What a motion may not do: hit the part with cutter, shank or holder. What does is trimmed off."""
+"""What a motion may not do: hit the part with cutter, shank or holder, or leave the machine's reach. That is trimmed off."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.gap import travel
 from conflank_cli.geometry.kernels.clearance import assembly_slack, assembly_slack_parallel
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.job import Job
+from conflank_cli.machine_frame import reachable_axes
 from conflank_cli.motion import Motion
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Section, Tool
@@ -49,8 +51,7 @@ class PointCells:
         if not len(points):
             return cls(np.zeros((0, 3)), np.zeros(1, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
         key = np.floor((points - points.min(axis=0)) / CELL).astype(np.int64)
-        _, cell = np.unique(key, axis=0, return_inverse=True)
-        cell = cell.ravel()
+        _, cell = np.unique(_packed(key), return_inverse=True)
         order = np.argsort(cell, kind="stable")
         ordered = np.ascontiguousarray(points[order])
         counts = np.bincount(cell)
@@ -74,8 +75,16 @@ def mesh_points(mesh: CheckMesh) -> Array:
         parts.append(np.einsum("wc,tcx->twx", inner, corners[counts == count]).reshape(-1, 3))
     points = np.concatenate(parts)
     key = np.floor(points / (0.5 * POINT_SPACING)).astype(np.int64)
-    _, first = np.unique(key, axis=0, return_index=True)
+    _, first = np.unique(_packed(key), return_index=True)
     return points[np.sort(first)]
+
+
+def _packed(key: IntArray) -> IntArray:
+    """One number for each row of a table of cell indices (N, 3)."""
+    low = key.min(axis=0)
+    size = key.max(axis=0) - low + 1
+    shifted = key - low
+    return np.asarray((shifted[:, 0] * size[1] + shifted[:, 1]) * size[2] + shifted[:, 2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +102,14 @@ class Screen:
 
     Attributes
     ----------
+    job: machine and setup: an axis out of reach is a violation too.
     design: points of the design faces; cutter and shank may not overcut them, the holder keeps its margin.
     check: points of the check geometry; the cutter may not overcut it (it is the same part), shank and holder keep
         their margins.
     design_margins, check_margins: those distances.
     """
 
+    job: Job
     design: PointCells
     check: PointCells
     design_margins: Margins
@@ -112,6 +123,7 @@ class Screen:
         over, allowance = scene.job.tolerance.overcut, scene.job.tolerance.allowance
         margin = scene.job.obstacles.margin
         return cls(
+            scene.job,
             PointCells.of(points),
             PointCells.of(mesh_points(scene.check)),
             Margins(allowance - over, allowance - over, margin.holder),
@@ -126,12 +138,14 @@ class Screen:
         run = assembly_slack_parallel if parallel else assembly_slack
         sections, component = _assembly(tool)
         ball = np.array([tool.ball_centre_height, tool.ball_radius])
-        free = np.ones(len(p), dtype=np.bool_)
+        free = reachable_axes(self.job, d)
         for cells, margins in ((self.design, self.design_margins), (self.check, self.check_margins)):
             limits = np.array([getattr(margins, name) for name in component])
             left = np.full(len(p), ENOUGH)
+            silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)
             run(
-                p, d, cells.points, cells.starts, cells.centres, cells.radii, ball, margins.cutter, sections, limits, left
+                p, d, cells.points, cells.starts, cells.centres, cells.radii, silhouette, lowest,
+                ball, margins.cutter, sections, limits, -slack, left,
             )  # fmt: skip
             free &= left >= -slack
         return free
@@ -168,6 +182,16 @@ def _assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
     stack(tool.shank, "shank")
     stack(tool.holder, "holder")
     return np.array(rows), tuple(names)
+
+
+def _silhouette(sections: Array, ball: Array, margin: float, radii: Array) -> tuple[Array, float]:
+    """Per millimetre of height: the largest radius, with margin, within reach of a cell centred there; and the first height."""
+    reach = float(radii.max(initial=0.0)) + max(margin, 0.0) + 1.0
+    lowest = float(ball[0] - ball[1]) - reach
+    heights = lowest + np.arange(int(sections[:, 1].max() + reach - lowest) + 1)
+    rows = np.concatenate([sections, [[ball[0] - ball[1], ball[0] + ball[1], ball[1], ball[1]]]])
+    there = (rows[None, :, 0] < heights[:, None] + 1.0 + reach) & (rows[None, :, 1] > heights[:, None] - reach)
+    return np.where(there, rows[:, 2:].max(axis=1), 0.0).max(axis=1) + max(margin, 0.0), lowest
 
 
 def longest_run(free: BoolArray) -> tuple[int, int] | None:

@@ -64,7 +64,9 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
         indices = range(len(sweeps))
         solutions = list(side_by_side("optimize", lambda k: task_of[k].first(sweeps[k].motion), indices))
         sound = [k for k in indices if not solutions[k].failed]
-        gaps = dict(zip(sound, side_by_side("judge", lambda k: task_of[k].gaps(solutions[k].motion), sound), strict=True))
+        gaps = dict(
+            zip(sound, side_by_side("judge", lambda k: task_of[k].gaps(solutions[k].motion), sound), strict=True)
+        )
         chosen: list[int] = []
         for key, task in tasks.items():
             own = [k for k in sound if (sweeps[k].face, sweeps[k].tool) == key]

@@ -117,6 +117,21 @@ def inverse(machine: Machine, axis: Array) -> Solutions:
     return Solutions(angles, singular, reachable)
 
 
+def within_range(machine: Machine, axis: Array) -> Flags:
+    """Which tool axes (N, 3) some solution reaches within the ranges of both rotary axes, (N,)."""
+    solutions = inverse(machine, axis)
+    found = np.zeros(len(axis), dtype=np.bool_)
+    for angles in solutions.angles:
+        inside = solutions.reachable.copy()
+        for column, rotary in enumerate(machine.rotary):
+            if rotary.range_deg is not None:
+                low, high = np.radians(rotary.range_deg)
+                turned = rotary.sign * angles[:, column, None] + TURN * np.array(_turns(rotary))
+                inside &= ((turned >= low) & (turned <= high)).any(axis=1)
+        found |= inside
+    return found
+
+
 def _hold(angle: Array, singular: Flags) -> Array:
     """Angle (N,) with the values at singular poses taken from the pose before, or after where none is before."""
     if not singular.any():

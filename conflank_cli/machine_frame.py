@@ -1,0 +1,55 @@
+"""The machine of a job and the frame of the part on its table: which tool axes it can reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from conflank_cli.job import Job, Setup
+from postprocessors.kinematics.two_rotary import within_range
+from postprocessors.machines.machine import Machine, load_machine, parse_machine
+
+Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The frame on the machine table: x_program = rotation x_cad + translation (mm)."""
+
+    rotation: Array
+    translation: Array
+    text: str
+
+    @classmethod
+    def of(cls, setup: Setup) -> Frame:
+        """The frame of a job: XYZ intrinsic rotation, then translation."""
+        rotation = Rotation.from_euler("XYZ", setup.rotate_deg, degrees=True).as_matrix()
+        values = [*setup.rotate_deg, *setup.translate]
+        if not any(values):
+            return cls(np.eye(3), np.zeros(3), "CAD")
+        text = "ROTATE {} {} {} TRANSLATE {} {} {}".format(*(f"{value:.9g}" for value in values))
+        return cls(rotation, np.asarray(setup.translate, dtype=np.float64), text)
+
+    def points(self, points: Array) -> Array:
+        """Points (..., 3) in the program's frame."""
+        return np.asarray(points @ self.rotation.T + self.translation)
+
+    def directions(self, directions: Array) -> Array:
+        """Directions (..., 3) in the program's frame."""
+        return np.asarray(directions @ self.rotation.T)
+
+
+def machine_of(job: Job) -> Machine:
+    """The machine of a job: from the text of its file, or shipped."""
+    if job.machine.definition is not None:
+        return parse_machine(job.machine.definition, job.machine.file or job.machine.name)
+    return load_machine(job.machine.name)
+
+
+def reachable_axes(job: Job, axes: Array) -> BoolArray:
+    """Which tool axes (N, 3), unit vectors in the CAD frame, the job's machine can take within its rotary ranges."""
+    return within_range(machine_of(job), Frame.of(job.setup).directions(axes))
