@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import FaceSamples
-from conflank_cli.motion import Motion, fitted
+from conflank_cli.motion import DEGREE, Motion, fitted
 from conflank_cli.optimization.gauss_newton import Limits
 from conflank_cli.tool import Tool
 
@@ -20,14 +20,19 @@ Array = npt.NDArray[np.float64]
 FURTHEST, STEP = 6.0, 0.1
 # A window this share of the present one better is worth sliding for.
 WORTH = 1.003
+# The slide is found at so many times along the sweep, each from the contacts within this much time about it.
+NODES, ABOUT = 5, 0.15
+# Where a range of slides is equally good, stay so far from its ends if it is wide enough, mm.
+INSET = 0.3
 
 
-def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits) -> float:
-    """How far (mm, along the axis towards the spindle) to slide so that the flute covers most area.
+def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits) -> Array:
+    """How far (mm, along the axis towards the spindle) to slide so that the flute covers most area, at NODES equal times.
 
-    The cone is prolonged at both ends; every point of the face then has a height at which the prolonged cone touches it, and the
-    flute is the window of length L over these heights that holds most of the area within tolerance. A window's worth is an
-    estimate: what the prolonged cone touches is what the slid tool would, were sliding along the contact exact.
+    The cone is prolonged at both ends; every point of the face then has a time and a height at which the prolonged cone
+    touches it, and the flute is the window of length L over these heights that holds most of the area within tolerance.
+    A window's worth is an estimate: what the prolonged cone touches is what the slid tool would, were sliding along the
+    contact exact.
     """
     slope = tan(tool.half_angle)
     low = min(FURTHEST, 0.8 * tool.r_min / slope) if slope > 0.0 else FURTHEST
@@ -40,9 +45,8 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
     gap, time = motion_gap(prolonged, long, samples.points)
     gap = gap - limits.allowance
     inside = (gap >= -limits.over) & (gap <= limits.under)
-    if not inside.any():
-        return 0.0
-    start, end = motion.ends(time[inside])
+    time, areas = time[inside], samples.areas[inside]
+    start, end = motion.ends(time)
     axis = (end - start) / tool.length
     offset = samples.points[inside] - start
     along = np.einsum("ni,ni->n", offset, axis)
@@ -50,29 +54,47 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
     alpha = tool.half_angle
     # Height of the contact on the generator, as axial distance from the plane of r_min.
     height = (along * cos(alpha) + (across - tool.r_min) * sin(alpha)) * cos(alpha)
-    order = np.argsort(height)
-    height, area = height[order], np.concatenate([[0.0], np.cumsum(samples.areas[inside][order])])
     slides = np.arange(-low, FURTHEST + 0.5 * STEP, STEP)
-    worth = area[np.searchsorted(height, slides + tool.length)] - area[np.searchsorted(height, slides)]
-    here = area[np.searchsorted(height, tool.length)] - area[np.searchsorted(height, 0.0)]
+    found = np.zeros(NODES)
+    for node, t in enumerate(np.linspace(0.0, 1.0, NODES)):
+        near = np.abs(time - t) <= ABOUT
+        found[node] = _best_window(height[near], areas[near], tool.length, slides)
+    return found
+
+
+def _best_window(height: Array, areas: Array, length: float, slides: Array) -> float:
+    """Of the windows [slide, slide + length] over heights the one that holds most area: the nearest to 0 of the best."""
+    if not len(height):
+        return 0.0
+    order = np.argsort(height)
+    height, total = height[order], np.concatenate([[0.0], np.cumsum(areas[order])])
+    worth = total[np.searchsorted(height, slides + length)] - total[np.searchsorted(height, slides)]
+    here = total[np.searchsorted(height, length)] - total[np.searchsorted(height, 0.0)]
     if worth.max() <= WORTH * here:
         return 0.0
-    # Of equally good windows the middle one leaves room at both ends.
     best = slides[worth >= worth.max() * (1.0 - 1e-9)]
-    return float(best[len(best) // 2])
+    inset = min(INSET, 0.5 * (best[-1] - best[0]))
+    return float(np.clip(0.0, best[0] + inset, best[-1] - inset))
 
 
-def slid(motion: Motion, tool: Tool, distance: float, away: Array) -> Motion:
-    """The motion with the tool slid `distance` mm along its contact line.
+def slid(motion: Motion, tool: Tool, slides: Array, away: Array) -> Motion:
+    """The motion with the tool slid along its contact line.
 
-    away: unit vectors (n, 3) across the contact at the control points, from the face to the axis. Along the contact
-    a cone of half angle α moves by δ (d - tan α · away), so that its flank stays where it was.
+    slides: mm at equal times, as `best_slide` finds them. away: unit vectors (n, 3) across the contact at the Greville
+    times of the control points, from the face to the axis. Along the contact a cone of half angle α moves by
+    δ (d - tan α away), so that its flank stays where it was.
     """
+    distance = np.interp(greville(motion), np.linspace(0.0, 1.0, len(slides)), slides)[:, None]
     d = (motion.q - motion.p) / np.linalg.norm(motion.q - motion.p, axis=1)[:, None]
     across = away - np.einsum("ni,ni->n", away, d)[:, None] * d
     across /= np.linalg.norm(across, axis=1)[:, None]
     shift = distance * (d - tan(tool.half_angle) * across)
     return Motion(motion.knots, motion.p + shift, motion.q + shift)
+
+
+def greville(motion: Motion) -> Array:
+    """Times at which the control points of a motion act most, shape (n,)."""
+    return np.array([motion.knots[k + 1 : k + 1 + DEGREE].mean() for k in range(len(motion.p))])
 
 
 def lengthened(motion: Motion, distance: float, at_end: bool) -> Motion:

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
-from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.motion import Motion
 from conflank_cli.optimization.gauss_newton import Limits, Solution, Step, Weights, minimise
-from conflank_cli.optimization.growth import best_slide, lengthened, slid
+from conflank_cli.optimization.growth import best_slide, greville, lengthened, slid
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -91,18 +91,16 @@ class Task:
 
     def _moves(self, solution: Solution) -> Iterator[Motion]:
         motion = solution.motion
-        slide = best_slide(motion, self.tool, self.samples, self.limits)
-        if slide != 0.0:
-            yield slid(motion, self.tool, slide, self._away(motion))
+        slides = best_slide(motion, self.tool, self.samples, self.limits)
+        if slides.any():
+            yield slid(motion, self.tool, slides, self._away(motion))
         for at_end in (False, True):
             if np.mean(solution.field.on[-1 if at_end else 0] > 0.5) > STILL_ON_FACE:
                 yield lengthened(motion, LENGTHEN, at_end)
 
     def _away(self, motion: Motion) -> Array:
         """Surface normals towards the cutter at the middle of the flute, one for every control point."""
-        knots = motion.knots
-        greville = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(len(motion.p))])
-        p, q = motion.ends(greville)
+        p, q = motion.ends(greville(motion))
         return self.face.sense * self.face.projector.project(0.5 * (p + q)).normal
 
     def _settled(self, motion: Motion) -> Solution:
