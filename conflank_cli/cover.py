@@ -49,7 +49,7 @@ def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
 
 
 def shortlist(covers: BoolArray, areas: Array, errors: Array, count: int, least: float) -> list[int]:
-    """About `count` indices that belong to good covers: greedy covers one after the other, each without those before."""
+    """About `count` indices that belong to good covers: greedy covers in turn, each without those before."""
     open_ = np.ones(len(covers), dtype=np.bool_)
     chosen: list[int] = []
     while len(chosen) < count and open_.any():

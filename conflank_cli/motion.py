@@ -60,7 +60,7 @@ class Motion:
 
 
 def fitted(t: Array, ends: Array, count: int) -> Motion:
-    """Least-squares motion with `count` control points on uniform knots through axis ends (K, 6), p then q, at times t (K,)."""
+    """Least-squares motion with `count` control points, uniform knots, through ends (K, 6), p then q, at t (K,)."""
     knots = uniform_knots(count)
     control = make_lsq_spline(t, ends, knots, DEGREE).c
     return Motion(knots, np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))

@@ -22,8 +22,8 @@ from conflank_cli.sweep import Sweep
 class Density:
     """How densely a face is searched.
 
-    contacts: contact points on a face, about. heights: places on the flute, as fractions of it. alike: overlap above which
-    two sequences are one family. families: the most that are kept.
+    contacts: contact points on a face, about. heights: places on the flute, as fractions of it. alike: overlap above
+    which two sequences are one family. families: the most that are kept.
     """
 
     contacts: int

@@ -13,9 +13,9 @@ Array = npt.NDArray[np.float64]
 def represent(traced: Traced, alike: float, smallest: float) -> list[int]:
     """Indices of sequences that represent all families, largest area first.
 
-    Two sequences are of one family where they cover the same part of the face (intersection over union of the areas above
-    `alike`) with their axes pointing the same way (mean axes within 25 degrees). The one of a family that covers most
-    stands for it. Sequences that cover less than `smallest` mm2 are left out.
+    Two sequences are of one family where they cover the same part of the face (intersection over union of the areas
+    above `alike`) with their axes pointing the same way (mean axes within 25 degrees). The one of a family that covers
+    most stands for it. Sequences that cover less than `smallest` mm2 are left out.
     """
     if not traced.sequences:
         return []

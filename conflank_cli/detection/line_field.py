@@ -45,10 +45,10 @@ def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance:
     heights: heights of sphere centres on the axis to try at every contact, shape (H,), mm.
     allowance: stock to leave, mm.
 
-    With unit normal n towards the cutter and curvatures κ signed positive where the face bends towards n, the distance to
-    the face at offset ρ has the Hessian Σ -κ_i / (1 - ρ κ_i) e_i e_iᵀ. An axis on which the distance grows with slope
-    sin α has ⟨d, n⟩ = sin α, and its tangential part w makes wᵀ H w vanish: two lines where H is indefinite, of either
-    orientation. Where H is definite the direction of least curvature is the best there is.
+    With unit normal n towards the cutter and curvatures κ signed positive where the face bends towards n, the distance
+    to the face at offset ρ has the Hessian Σ -κ_i / (1 - ρ κ_i) e_i e_iᵀ. An axis on which the distance grows with
+    slope sin α has ⟨d, n⟩ = sin α, and its tangential part w makes wᵀ H w vanish: two lines where H is indefinite, of
+    either orientation. Where H is definite the direction of least curvature is the best there is.
     Where 1 - ρ κ <= 0 the sphere does not fit, and no line is returned.
 
     Source: do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3-2 (asymptotic directions); Bo,

@@ -137,4 +137,4 @@ def _cell_areas(face: WorkFace, samples: FaceSamples) -> Array:
     for k, breaks in enumerate((spans.breaks_u, spans.breaks_v)):
         place = ((samples.uv[:, k] - breaks[0]) / (breaks[-1] - breaks[0]) * CELLS).astype(np.int64)
         index = index * CELLS + np.clip(place, 0, CELLS - 1)
-    return np.bincount(index, samples.areas, minlength=CELLS * CELLS)
+    return np.asarray(np.bincount(index, samples.areas, minlength=CELLS * CELLS), dtype=np.float64)

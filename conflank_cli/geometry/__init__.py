@@ -1,0 +1,1 @@
+"""Surfaces, footpoints, swept gaps and screening: the geometry under all stages."""

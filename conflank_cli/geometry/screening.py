@@ -1,4 +1,4 @@
-"""What a motion may not do: hit the part with cutter, shank or holder, or leave the machine's reach. That is trimmed off."""
+"""What a motion may not do and is trimmed for: hit the part with cutter, shank or holder, leave the machine's reach."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Poses of a motion are judged this far apart, mm.
 STEP = 0.75
-# Check geometry is sampled at most this far apart, mm, and thinned to half of that: between samples a ball of radius 1.5 in a
-# fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a gouge.
+# Check geometry is sampled at most this far apart, mm, and thinned to half of that: between samples a ball of radius
+# 1.5 in a fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a
+# gouge.
 POINT_SPACING = 0.4
 # Points of design faces that shank and holder are held against, for each face.
 FACE_POINTS = 6000
@@ -38,7 +39,7 @@ ENOUGH = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class PointCells:
-    """Points grouped by cell: points (N, 3) sorted by cell, starts (C + 1,), bounding spheres centres (C, 3), radii (C,)."""
+    """Points (N, 3) sorted by cell, starts (C + 1,) of the cells, and bounding spheres: centres (C, 3), radii (C,)."""
 
     points: Array
     starts: IntArray
@@ -185,7 +186,7 @@ def _assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
 
 
 def _silhouette(sections: Array, ball: Array, margin: float, radii: Array) -> tuple[Array, float]:
-    """Per millimetre of height: the largest radius, with margin, within reach of a cell centred there; and the first height."""
+    """Largest radius with margin within reach of a cell, per millimetre of its centre, and the first height."""
     reach = float(radii.max(initial=0.0)) + max(margin, 0.0) + 1.0
     lowest = float(ball[0] - ball[1]) - reach
     heights = lowest + np.arange(int(sections[:, 1].max() + reach - lowest) + 1)

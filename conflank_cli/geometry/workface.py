@@ -1,4 +1,4 @@
-"""A design face made ready for the stages: projection with a smooth margin, the trim as a raster, samples with areas."""
+"""A design face made ready for the stages: projection with a smooth margin, the trim as a raster, samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gauss-Newton on the paper's functional F_motion (Calleja et al. 2018, Eq. 8-13), then on to what the tolerance asks."""
+"""Gauss-Newton on the paper's functional F_motion (Calleja et al. 2018, Eq. 8-13)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ IntArray = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Weights of the terms: mu1 distance, mu2 fairness, mu3 proximity, mu4 rigidity, mu5 orthogonality (the paper's defaults)."""
+    """Weights, by default the paper's: mu1 distance, mu2 fairness, mu3 proximity, mu4 rigidity, mu5 orthogonality."""
 
     mu1: float = 1.0
     mu2: float = 0.1
@@ -45,7 +45,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class AxisErrorField:
-    """Axis error on the m x n grid: error (m, n) mm; on (m, n) 1 on the face, 0 off it, -1 without a footpoint; u, v (m, n)."""
+    """Axis error on a grid (m, n): error in mm; on: 1 on the face, 0 off it, -1 without a footpoint; feet u, v."""
 
     error: Array
     on: Array
@@ -82,7 +82,7 @@ BARRIER_FROM, BARRIER_GAIN = 0.5, 40.0
 
 
 class Step(NamedTuple):
-    """One step of Gauss-Newton: factors on mu2 and mu5 (fade) and on mu4 (stiff), scale of stock left in mm, barrier or not."""
+    """One Gauss-Newton step: factors on mu2 and mu5 (fade) and mu4 (stiff), scale of stock left in mm, barrier."""
 
     fade: float
     stiff: float
@@ -164,12 +164,13 @@ def minimise(
 ) -> Solution:  # fmt: skip
     """Gauss-Newton over a schedule of steps.
 
-    The residuals are the axis errors (their exact gradient is the surface normal at the footpoint), |pq| - L, the second
-    derivatives of p and q by travel, and the cosine between velocity and axis; each term enters as its mean square.
-    F_prox is the mean square of the step itself (Levenberg), so it slows the soft modes without shifting the optimum.
+    The residuals are the axis errors (their exact gradient is the surface normal at the footpoint), |pq| - L, the
+    second derivatives of p and q by travel, and the cosine between velocity and axis; each term enters as its mean
+    square. F_prox is the mean square of the step itself (Levenberg), so it slows the soft modes without shifting the
+    optimum.
     """
     count = len(motion.p)
-    m, n = samples
+    m, _ = samples
     basis = _basis(count, m)
     unit = np.broadcast_to(np.eye(6), (m, 6, 6))
     field: AxisErrorField | None = None

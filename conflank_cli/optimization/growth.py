@@ -1,4 +1,4 @@
-"""Growth: moves that let a sweep cover more of the face, by sliding the tool along its contact or going on at an end."""
+"""Growth: moves that let a sweep cover more: sliding the tool along its contact, going on at an end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ INSET = 0.3
 
 
 def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits) -> Array:
-    """How far (mm, along the axis towards the spindle) to slide so that the flute covers most area, at NODES equal times.
+    """How far (mm, along the axis towards the spindle) to slide so that the flute covers most area, at NODES equal
+    times.
 
     The cone is prolonged at both ends; every point of the face then has a time and a height at which the prolonged cone
     touches it, and the flute is the window of length L over these heights that holds most of the area within tolerance.
@@ -63,7 +64,7 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
 
 
 def _best_window(height: Array, areas: Array, length: float, slides: Array) -> float:
-    """Of the windows [slide, slide + length] over heights the one that holds most area: the nearest to 0 of the best."""
+    """Of the windows [slide, slide + length] over heights that hold most area, the slide nearest to 0."""
     if not len(height):
         return 0.0
     order = np.argsort(height)

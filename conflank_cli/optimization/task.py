@@ -76,7 +76,7 @@ class Task:
         return best
 
     def gaps(self, motion: Motion) -> Array:
-        """Swept gap less allowance, (N,) mm, at the samples, of what the screen leaves of a motion; inf where nothing."""
+        """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""
         allowed = self.screen.allowed(motion, self.tool)
         if allowed is None:
             return np.full(len(self.samples.areas), np.inf)

@@ -28,9 +28,9 @@ LEAST_GAIN = 0.005
 def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[Sweep], dict[str, Any]]:
     """Choose sweeps for every face in turn; returns them in cutting order, and a summary.
 
-    A sweep is trimmed to its longest stretch without overcut or collision, then judged by its swept gap on points of its face.
-    The summary holds coverage by face and in total, the number of sweeps screened and rejected, and the mean |g| in µm over what
-    is covered.
+    A sweep is trimmed to its longest stretch without overcut or collision, then judged by its swept gap on points of
+    its face. The summary holds coverage by face and in total, the number of sweeps screened and rejected, and the mean
+    |g| in µm over what is covered.
     """
     job = scene.job
     tolerance = job.tolerance

@@ -75,6 +75,15 @@ def sample_weight(error, on, scale):
     return w
 
 
+@njit(inline="always")
+def across(d):
+    """Two unit vectors across the unit vector d (3,), and across each other."""
+    e1 = np.array([0.0, d[2], -d[1]]) if abs(d[0]) < 0.6 else np.array([-d[2], 0.0, d[0]])
+    e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+    e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
+    return e1, e2
+
+
 @njit(cache=True)
 def refine_line(
     breaks_u,
@@ -100,8 +109,8 @@ def refine_line(
 ):
     """Least squares in the five freedoms of a line, in place: p, d and the arrays of `axis_errors`.
 
-    Gauss-Newton on the weighted axis error with a small Levenberg term, which leaves the soft freedoms (sliding along the contact
-    and along the sweep) where they were. `scale` shrinks from first to last over the iterations.
+    Gauss-Newton on the weighted axis error with a small Levenberg term, which leaves the soft freedoms (sliding along
+    the contact and along the sweep) where they were. `scale` shrinks from first to last over the iterations.
     Returns False where the line lost the face.
     """
     count = heights.shape[0]
@@ -115,12 +124,7 @@ def refine_line(
             breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
         )
         # Two unit vectors across the axis; rotations are measured as displacement at the ends of the flute.
-        if abs(d[0]) < 0.6:
-            e1 = np.array([0.0, d[2], -d[1]])
-        else:
-            e1 = np.array([-d[2], 0.0, d[0]])
-        e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
-        e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
+        e1, e2 = across(d)
         fraction = iteration / max(iterations - 1, 1)
         scale = scale_first * (scale_last / scale_first) ** fraction
         matrix[:] = 0.0
@@ -170,18 +174,13 @@ def refine_line(
 def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
     """Velocity of the axis that changes the axis error least: paper Eq. 5-6 as a generalised eigenproblem.
 
-    The velocity across the axis is linear along it, v(h) = (1 - s) v0 + s v1 with s from the lowest to the highest sphere;
-    motion along the axis and spin are excluded by the parametrisation. Minimises sum w <v, n>^2 over the mean of |v|^2,
-    plus `stiffness` times the squared turning, which decides where contact does not.
+    The velocity across the axis is linear along it, v(h) = (1 - s) v0 + s v1 with s from the lowest to the highest
+    sphere; motion along the axis and spin are excluded by the parametrisation. Minimises sum w <v, n>^2 over the mean
+    of |v|^2, plus `stiffness` times the squared turning, which decides where contact does not.
     Fills out (2, 3) with v0, v1, normalised to unit mean square speed; returns the eigenvalue.
     """
     count = heights.shape[0]
-    if abs(d[0]) < 0.6:
-        e1 = np.array([0.0, d[2], -d[1]])
-    else:
-        e1 = np.array([-d[2], 0.0, d[0]])
-    e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
-    e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
+    e1, e2 = across(d)
     matrix = np.zeros((4, 4))
     row = np.empty(4)
     total = 0.0
@@ -265,8 +264,8 @@ def trace_line(
     """Refine a line and follow it over the face both ways by prediction and correction.
 
     The line is moved `step` mm along the direction that changes the axis error least, refined, and kept while enough of
-    it is within tolerance; it ends where it leaves the face, loses tolerance, or turns back. The last lines just off the
-    face are kept, so that a patch reaches the edge.
+    it is within tolerance; it ends where it leaves the face, loses tolerance, or turns back. The last lines just off
+    the face are kept, so that a patch reaches the edge.
     sequence_* have room for T lines: p, d (T, 3), error, u, v, on (T, J). Returns (first, last + 1) of the rows used.
     """
     room = sequence_p.shape[0]

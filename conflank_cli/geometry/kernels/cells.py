@@ -12,8 +12,8 @@ ALONG, ACROSS = 4, 2
 def mark_cells(breaks_u, breaks_v, error, u, v, on, spans, over, under, marks):
     """Mark the cells of an R x R raster over the extended domain that sequences cover within tolerance.
 
-    error, u, v, on (N, T, J) as traced; spans (N, 2) rows in use. marks (N, R, R) bool, False on input. Between lines and spheres
-    the error and the foot are interpolated bilinearly.
+    error, u, v, on (N, T, J) as traced; spans (N, 2) rows in use. marks (N, R, R) bool, False on input. Between lines
+    and spheres the error and the foot are interpolated bilinearly.
     """
     size = marks.shape[1]
     u0 = breaks_u[0]

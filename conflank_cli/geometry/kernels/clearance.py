@@ -47,7 +47,8 @@ def pose_slack(
 ):  # fmt: skip
     """Least distance minus margin of one pose, cut off at `best`; the search ends once it is below `stop`.
 
-    A cell is passed over whole where its bounding sphere stays out of the silhouette, or is further away than the best so far.
+    A cell is passed over whole where its bounding sphere stays out of the silhouette, or is further away than the best
+    so far.
     """
     for c in range(centres.shape[0]):
         x = centres[c, 0] - px
@@ -81,11 +82,11 @@ def assembly_slack(
 ):
     """Least distance minus margin over all points, for every pose.
 
-    p (M, 3): axis points at height 0; d (M, 3): unit directions. points (N, 3) sorted by cell, starts (C + 1,) where each cell
-    begins, centres (C, 3) and radii (C,) of their bounding spheres. silhouette (H,): per millimetre of height from
-    `lowest` on, the radius beyond which the centre of a cell's sphere, less its own radius, is clear. ball (2,): height of its
-    centre and radius, with its margin. sections (S, 4): heights of both ends and radii there, with margins (S,).
-    slack (M,) mm: cut off at the value in it on input; not searched further once below `stop`.
+    p (M, 3): axis points at height 0; d (M, 3): unit directions. points (N, 3) sorted by cell, starts (C + 1,) where
+    each cell begins, centres (C, 3) and radii (C,) of their bounding spheres. silhouette (H,): per millimetre of height
+    from `lowest` on, the radius beyond which the centre of a cell's sphere, less its own radius, is clear. ball (2,):
+    height of its centre and radius, with its margin. sections (S, 4): heights of both ends and radii there, with
+    margins (S,). slack (M,) mm: cut off at the value in it on input; not searched further once below `stop`.
     """
     for k in range(p.shape[0]):
         slack[k] = pose_slack(

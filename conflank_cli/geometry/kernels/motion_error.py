@@ -15,9 +15,10 @@ def motion_errors(
 ):
     """Axis error over a grid of poses and spheres.
 
-    p, q (m, 3): axis ends at the sampled times. fractions (n,): s of the sphere centres on pq. radii (n,): sphere radius plus
-    allowance. u, v (m, n): starts on input where warm, else only those of the middle sphere of the first pose are read; filled.
-    error (m, n), normal (m, n, 3) towards the cutter, on (m, n): 1 on the face, 0 off it, -1 without a footpoint.
+    p, q (m, 3): axis ends at the sampled times. fractions (n,): s of the sphere centres on pq. radii (n,): sphere
+    radius plus allowance. u, v (m, n): starts on input where warm, else only those of the middle sphere of the first
+    pose are read; filled. error (m, n), normal (m, n, 3) towards the cutter, on (m, n): 1 on the face, 0 off it, -1
+    without a footpoint.
     """
     m = p.shape[0]
     n = fractions.shape[0]
@@ -62,8 +63,8 @@ def motion_errors(
 def add_rows(band, right, first, basis, rows, residuals, weights):
     """Add weighted residual rows to the normal equations of cubic B-spline control points of p and q.
 
-    Row k at time i acts on control points first[i] .. first[i] + 3 with the basis values basis[i] (4,) times a vector of 6
-    (p then q): its residual is residuals[i, k], its gradient rows[i, k] (6,), its weight weights[i, k].
+    Row k at time i acts on control points first[i] .. first[i] + 3 with the basis values basis[i] (4,) times a vector
+    of 6 (p then q): its residual is residuals[i, k], its gradient rows[i, k] (6,), its weight weights[i, k].
     band (24, 6 n): the lower band of the matrix, band[r, c] = M[c + r, c]; right (6 n,): minus the gradient.
     """
     block = np.empty((6, 6))

@@ -9,8 +9,8 @@ from numba import njit
 def inside_even_odd(u, v, vertices, starts, out):
     """Even-odd test of points u, v (N,) against closed loops.
 
-    vertices (M, 2) holds the loops one after the other, starts (K + 1,) where each begins. Fills out (N,) bool. Does not
-    promise which way a point within rounding of an edge falls.
+    vertices (M, 2) holds the loops one after the other, starts (K + 1,) where each begins. Fills out (N,) bool. Does
+    not promise which way a point within rounding of an edge falls.
     """
     for k in range(u.shape[0]):
         x = u[k]

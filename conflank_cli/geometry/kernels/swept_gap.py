@@ -59,8 +59,8 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
     """Swept gap of points over one motion.
 
     polynomials, breaks: the motion as in `pose`. samples: number of equal steps of the first look.
-    points (N, 3). reach: distances above this many mm are not refined. cutter (6,): r_min, sin α, cos α, length, ball centre
-    height, ball radius. Fills gap (N,) mm and time (N,) where the minimum is.
+    points (N, 3). reach: distances above this many mm are not refined. cutter (6,): r_min, sin α, cos α, length, ball
+    centre height, ball radius. Fills gap (N,) mm and time (N,) where the minimum is.
 
     The first look takes the nearest sampled pose; golden section on the exact motion then finds the minimum between its
     neighbours. Does not promise the lesser of two minima that differ by less than the first look can tell.
@@ -107,7 +107,7 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
         t2 = low + GOLDEN * (high - low)
         f1 = np.inf
         f2 = np.inf
-        for step in range(GOLDEN_STEPS):
+        for _ in range(GOLDEN_STEPS):
             if f1 == np.inf:
                 pose(polynomials, breaks, t1, at)
                 f1 = cutter_distance(
