@@ -31,8 +31,8 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
-    from conflank_cli.output import check_output, write_output
     from conflank_cli.machine_frame import machine_of
+    from conflank_cli.output import check_output, write_output
     from conflank_cli.posting import post_program
 
     start = time.perf_counter()
