@@ -9,6 +9,7 @@ missing.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -156,15 +157,33 @@ def shortfalls(required: Required, verification: dict[str, Any]) -> list[str]:
     return [name for name, reached in checks if not reached]
 
 
-def _row(case: Case, outcome: Outcome) -> tuple[list[str], bool]:
-    """Cells of the table, and whether the case reaches everything."""
+def figures(case: Case, outcome: Outcome) -> dict[str, Any]:
+    """The row as numbers; None where there is no program."""
+    found = outcome.verification
+    cells = _row(case, outcome)
+    return {
+        "case": case.name,
+        "tool": case.tool,
+        "coverage": None if found is None else round(found["coverage_flank"], 4),
+        "coverage_required": case.required.coverage,
+        "sweeps": None if found is None else len(found["sweeps"]),
+        "overcut_max_um": None if found is None else round(found["overcut_max_um"], 2),
+        "gap_mean_abs_um": None if found is None else found["gap_um"]["mean_abs"],
+        "gap_mean_abs_required_um": case.required.gap_mean_um,
+        "seconds": round(outcome.seconds, 1),
+        "result": cells[-1],
+    }
+
+
+def _row(case: Case, outcome: Outcome) -> list[str]:
+    """Cells of the table; the last is "pass" where the case reaches everything."""
     found = outcome.verification
     late = outcome.seconds > WALL_SECONDS
     if found is None:
-        return [case.name, case.tool, *["-"] * 6, f"{outcome.seconds:.1f}", "MISS: no program"], False
+        return [case.name, case.tool, *["-"] * 6, f"{outcome.seconds:.1f}", "MISS: no program"]
     missed = shortfalls(case.required, found) + (["time"] if late else [])
     mean = found["gap_um"]["mean_abs"]
-    cells = [
+    return [
         case.name,
         case.tool,
         f"{100.0 * found['coverage_flank']:.1f}",
@@ -176,7 +195,6 @@ def _row(case: Case, outcome: Outcome) -> tuple[list[str], bool]:
         f"{outcome.seconds:.1f}",
         "MISS: " + ", ".join(missed) if missed else "pass",
     ]
-    return cells, not missed
 
 
 @click.command()
@@ -185,7 +203,10 @@ def _row(case: Case, outcome: Outcome) -> tuple[list[str], bool]:
 @click.option("--jobs", default=1, show_default=True, help="Cases run at once; more than one blurs the times.")
 @click.option("--envelopes", default=3, show_default=True, help="Random motions for each tool.")
 @click.option("--out", metavar="DIR", help="Keep jobs and results in DIR.")
-def main(only: str | None, tool: str | None, jobs: int, envelopes: int, out: str | None) -> None:
+@click.option(
+    "--json", "as_json", metavar="FILE", help="Write the rows to FILE too (README's: benchmarks/results/bench.json)."
+)
+def main(only: str | None, tool: str | None, jobs: int, envelopes: int, out: str | None, as_json: str | None) -> None:
     """Print the table of what the program must reach; exit code 1 where a figure is missed."""
     console = Console()
     if not console.is_terminal:
@@ -198,12 +219,17 @@ def main(only: str | None, tool: str | None, jobs: int, envelopes: int, out: str
         folder.mkdir(parents=True, exist_ok=True)
         chosen = [case for case in cases(folder, tool, envelopes) if only is None or only in case.name]
         if chosen:
-            passed &= _report_cases(console, chosen, folder, jobs)
+            outcomes = _report_cases(console, chosen, folder, jobs)
+            rows = [figures(case, outcome) for case, outcome in zip(chosen, outcomes, strict=True)]
+            passed &= all(row["result"] == "pass" for row in rows)
+            if as_json is not None:
+                document = {"cores": os.cpu_count(), "jobs": jobs, "rows": rows}
+                Path(as_json).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if passed else 1)
 
 
-def _report_cases(console: Console, chosen: list[Case], folder: Path, jobs: int) -> bool:
-    """Run the cases and print the table; True where all pass."""
+def _report_cases(console: Console, chosen: list[Case], folder: Path, jobs: int) -> list[Outcome]:
+    """Run the cases and print the table."""
     if not PARTS.is_dir():
         console.print(f"no folder {PARTS.parent.name}/{PARTS.name} beside the repository: real blades left out")
     first = run(chosen[0], folder / "first")
@@ -224,11 +250,8 @@ def _report_cases(console: Console, chosen: list[Case], folder: Path, jobs: int)
         "result",
     ):
         table.add_column(heading, justify="left" if heading in ("case", "tool", "result") else "right")
-    passed = True
     for case, outcome in zip(chosen, outcomes, strict=True):
-        cells, reached = _row(case, outcome)
-        table.add_row(*cells)
-        passed &= reached
+        table.add_row(*_row(case, outcome))
     console.print(table)
     for case, outcome in zip(chosen, outcomes, strict=True):
         if outcome.verification is None:
@@ -236,7 +259,7 @@ def _report_cases(console: Console, chosen: list[Case], folder: Path, jobs: int)
         else:
             for finding in outcome.verification["findings"]:
                 console.print(f"{case.name}: {json.dumps(finding)}", markup=False, soft_wrap=True)
-    return passed
+    return outcomes
 
 
 if __name__ == "__main__":

@@ -1,0 +1,192 @@
+"""Tables of README and docs from results: `python -m benchmarks.readme` (make samples).
+
+A block between ``<!-- figures:NAME -->`` and ``<!-- /figures:NAME -->`` is rewritten from the JSON files in
+benchmarks/results, which the commands that measured wrote there. Nothing here measures, and nothing in the blocks
+depends on the day or the machine but the times of the bench, which say so.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+RESULTS = REPOSITORY / "benchmarks" / "results"
+FILES = ("README.md", "docs/method.md", "docs/tour.md")
+SAMPLE = "BLISK1.H.verification.json"
+
+_BLOCK = re.compile(r"<!-- figures:(?P<name>[\w-]+) -->\n(?P<body>.*?)<!-- /figures:(?P=name) -->", re.DOTALL)
+
+
+def result(name: str) -> Any:
+    """A file of benchmarks/results."""
+    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
+
+
+def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table; headings that start with "<" are for text, all others for numbers on the right."""
+    names = [heading.removeprefix("<") for heading in headings]
+    rules = [":--" if heading.startswith("<") else "--:" for heading in headings]
+    lines = [names, rules, *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def fixed(value: float | None, digits: int) -> str:
+    """A number, or a dash for what is not known."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+# --- blocks ---------------------------------------------------------------------------------------------------------
+
+
+def sample_table() -> str:
+    """What the program of the sample blade cuts, by sweep and in all."""
+    found = result(SAMPLE)
+    sweeps = [
+        [
+            str(cut["number"]),
+            cut["tool"],
+            fixed(cut["length_mm"], 1),
+            fixed(cut["covered_mm2"], 0),
+            fixed(cut["gap_min_um"], 1),
+            fixed(cut["gap_mean_abs_um"], 2),
+            fixed(cut["gap_max_um"], 1),
+            fixed(cut["time_s"], 1),
+        ]
+        for cut in found["sweeps"]
+    ]
+    headings = ["sweep", "<tool", "length mm", "covers mm²", "gap min µm", "mean abs µm", "max µm", "time s"]
+    clearance = found["clearance_mm"]
+    facts = [
+        ["covered, by area", f"{100.0 * found['coverage']:.1f} %"],
+        ["mean of the absolute gap there", f"{fixed(found['gap_um']['mean_abs'], 2)} µm"],
+        ["99 % of it below", f"{fixed(found['gap_um']['p99_abs'], 1)} µm"],
+        ["deepest overcut, faces next to the flanks included", f"{fixed(found['overcut_max_um'], 1)} µm"],
+        ["largest step between neighbouring sweeps", f"{fixed(found['step_max_um'], 1)} µm"],
+        ["least clearance of shank, holder", " mm, ".join(_least(clearance[k]) for k in ("shank", "holder")) + " mm"],
+        ["cutting and positioning, at the programmed feeds", f"{fixed(found['time_s'], 0)} s"],
+        ["findings", str(len(found["findings"])) if found["findings"] else "none"],
+    ]
+    return markdown(headings, sweeps) + "\n" + markdown(["<the whole program", "<"], facts)
+
+
+def _least(figures: dict[str, Any]) -> str:
+    return fixed(figures["least"], 2)
+
+
+def bench_table() -> str:
+    """The rows of `make bench`."""
+    bench = result("bench.json")
+    rows = [
+        [
+            row["case"],
+            row["tool"],
+            "–" if row["coverage"] is None else f"{100.0 * row['coverage']:.1f}",
+            f"{100.0 * row['coverage_required']:.0f}",
+            "–" if row["sweeps"] is None else str(row["sweeps"]),
+            fixed(row["overcut_max_um"], 1),
+            fixed(row["gap_mean_abs_um"], 2),
+            f"{row['gap_mean_abs_required_um']:g}",
+            f"{row['seconds']:.0f}",
+            row["result"],
+        ]
+        for row in bench["rows"]
+    ]
+    headings = [
+        "<case",
+        "<tool",
+        "covered %",
+        "asked %",
+        "sweeps",
+        "overcut µm",
+        "mean abs gap µm",
+        "asked µm",
+        "wall s",
+        "<result",
+    ]
+    note = (
+        f"Wall time of the whole job in a process of its own, on {bench['cores']} cores, {bench['jobs']} at a time.\n"
+    )
+    return markdown(headings, rows) + "\n" + note
+
+
+def knots_table() -> str:
+    """Mean |g| against the spacing of control points."""
+    measured = result("knot_spacing.json")
+    tools = list(dict.fromkeys(row["tool"] for row in measured["rows"]))
+    spacings = list(dict.fromkeys(row["spacing_mm"] for row in measured["rows"]))
+    cell = {(row["tool"], row["spacing_mm"]): f"{row['least_um']:g} … {row['most_um']:g}" for row in measured["rows"]}
+    rows = [[tool, *(cell[tool, spacing] for spacing in spacings)] for tool in tools]
+    return markdown(["<tool", *(f"{spacing:g} mm" for spacing in spacings)], rows)
+
+
+def _tour(block: str) -> Callable[[], str]:
+    def text() -> str:
+        said = result("tour.json")[block]
+        code = f"\n(exit code {said['code']})" if said["code"] else ""
+        output = f"\n{said['output']}" if said["output"] else ""
+        typed = "\n".join(f"$ {line}" for line in said["typed"].splitlines())
+        return f"```text\n{typed}{output}{code}\n```\n"
+
+    return text
+
+
+def _job() -> str:
+    job = (REPOSITORY / "sample_parts" / "blisk_blade" / "job.toml").read_text(encoding="utf-8")
+    return f"```toml\n{job}```\n"
+
+
+BLOCKS: dict[str, Callable[[], str]] = {
+    "sample": sample_table,
+    "bench": bench_table,
+    "knots": knots_table,
+    "job": _job,
+    **{
+        f"tour-{block}": _tour(block)
+        for block in ("inspect", "run", "plan", "program", "verify", "thicker", "findings", "missing", "stages")
+    },
+}
+
+
+def filled(text: str, where: str) -> str:
+    """A document with all its blocks made anew.
+
+    Raises
+    ------
+    ValueError: a block that nothing makes, or a marker without its other half.
+    """
+
+    def block(match: re.Match[str]) -> str:
+        name = match["name"]
+        if name not in BLOCKS:
+            raise ValueError(f"{where}: no figures called {name}; there are {', '.join(BLOCKS)}")
+        return f"<!-- figures:{name} -->\n{BLOCKS[name]()}<!-- /figures:{name} -->"
+
+    if text.count("<!-- figures:") != len(_BLOCK.findall(text)) or text.count("<!-- /figures:") != len(
+        _BLOCK.findall(text)
+    ):
+        raise ValueError(f"{where}: a marker of figures without its other half")
+    return _BLOCK.sub(block, text)
+
+
+@click.command()
+@click.option(
+    "--sample", type=click.Path(exists=True, path_type=Path), help="First keep this verification as the sample's."
+)
+def main(sample: Path | None) -> None:
+    """Rewrite the blocks of README and docs."""
+    if sample is not None:
+        (RESULTS / SAMPLE).write_bytes(sample.read_bytes())
+    for name in FILES:
+        path = REPOSITORY / name
+        text = path.read_text(encoding="utf-8")
+        path.write_text(filled(text, name), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

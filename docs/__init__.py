@@ -1,0 +1,1 @@
+"""The scripts behind the documentation's pictures and outputs."""
