@@ -34,7 +34,7 @@ def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
     while len(chosen) < len(covers) and left.sum() > (1.0 - target) * total:
         gains = covers @ left
         largest = gains.max()
-        if largest < least * total:
+        if largest <= 0.0 or largest < least * total:
             break
         equal = np.flatnonzero(gains >= EQUAL * largest)
         best = int(equal[np.argmin(errors[equal])])

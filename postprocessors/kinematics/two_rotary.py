@@ -118,16 +118,20 @@ def inverse(machine: Machine, axis: Array) -> Solutions:
 
 
 def within_range(machine: Machine, axis: Array) -> Flags:
-    """Which tool axes (N, 3) some solution reaches within the ranges of both rotary axes, (N,)."""
+    """Which tool axes (N, 3) some solution reaches within the ranges of both rotary axes, (N,).
+
+    Where the first axis is along the tool axis any of its angles will do.
+    """
     solutions = inverse(machine, axis)
     found = np.zeros(len(axis), dtype=np.bool_)
-    for angles in solutions.angles:
+    for angles, singular in zip(solutions.angles, solutions.singular, strict=True):
         inside = solutions.reachable.copy()
         for column, rotary in enumerate(machine.rotary):
             if rotary.range_deg is not None:
                 low, high = np.radians(rotary.range_deg)
                 turned = rotary.sign * angles[:, column, None] + TURN * np.array(_turns(rotary))
-                inside &= ((turned >= low) & (turned <= high)).any(axis=1)
+                within = ((turned >= low - RANGE_SLACK) & (turned <= high + RANGE_SLACK)).any(axis=1)
+                inside &= within | singular if column == 0 else within
         found |= inside
     return found
 
