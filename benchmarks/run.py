@@ -62,7 +62,8 @@ class Blade:
     """A flank of a real blade: the side is always along the face's oriented normal.
 
     That was checked by geometry: on each of these parts the normals of the pressure and of the suction side point away
-    from the other one. `rotate_deg` stands the span (the wheel: its axis) up on the table.
+    from the other one. `rotate_deg` lays the span level (the wheel: stands its axis up), so that the
+    machine reaches axes that point either way along it.
     """
 
     file: str
@@ -72,10 +73,10 @@ class Blade:
 
 
 BLADES = (
-    Blade("rotor37.step", 0, "T1", (0.0, -90.0, 0.0)),
-    Blade("rotor37.step", 1, "T1", (0.0, -90.0, 0.0)),
-    Blade("tfd4ac_rotor1.igs", 0, "T1", (90.0, 0.0, 0.0)),
-    Blade("tfd4ac_rotor1.igs", 1, "T1", (90.0, 0.0, 0.0)),
+    Blade("rotor37.step", 0, "T1", (0.0, 0.0, 0.0)),
+    Blade("rotor37.step", 1, "T1", (0.0, 0.0, 0.0)),
+    Blade("tfd4ac_rotor1.igs", 0, "T1", (0.0, 0.0, 0.0)),
+    Blade("tfd4ac_rotor1.igs", 1, "T1", (0.0, 0.0, 0.0)),
     Blade("compressor_wheel.step", 0, "T1", (90.0, 0.0, 0.0)),
     Blade("compressor_wheel.step", 2, "T1", (90.0, 0.0, 0.0)),
 )

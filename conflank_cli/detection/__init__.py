@@ -42,6 +42,8 @@ DENSITIES = {
 MARGIN = 0.7
 # Sequences that cover less than this share of the face are not worth a sweep.
 SMALLEST = 0.004
+# Points that candidates are screened with are this far apart, mm; what is optimised later is screened more finely.
+SCREEN_SPACING = 1.2
 # Samples that give the raster cells their areas, about.
 AREA_SAMPLES = 40000
 
@@ -55,7 +57,7 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     """
     density = DENSITIES[scene.job.detection.density]
     tolerance = scene.job.tolerance
-    screen = Screen.of(scene)
+    screen = Screen.of(scene, SCREEN_SPACING)
     sweeps: list[Sweep] = []
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):

@@ -19,7 +19,8 @@ def represent(traced: Traced, alike: float, smallest: float) -> list[int]:
     """
     if not traced.sequences:
         return []
-    weighted = traced.cells * np.sqrt(traced.cell_areas)
+    # Single precision halves the time of the products below, and overlaps need two digits.
+    weighted = (traced.cells * np.sqrt(traced.cell_areas)).astype(np.float32)
     areas = (weighted**2).sum(axis=1)
     axes = np.array([sequence.d.mean(axis=0) for sequence in traced.sequences])
     axes /= np.linalg.norm(axes, axis=1)[:, None]

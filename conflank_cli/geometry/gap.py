@@ -14,8 +14,9 @@ from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 
-# The first look steps along the sweep by this much, mm: well below the radius of any cutter.
-STEP = 0.5
+# The first look steps along the sweep by this much, mm: below the radius of any cutter, so that the distance has one
+# minimum between neighbours.
+STEP = 1.0
 # Distances beyond this are reported as the first look found them, mm.
 REACH = 0.25
 

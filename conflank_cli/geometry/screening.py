@@ -27,8 +27,8 @@ STEP = 0.75
 # 1.5 in a fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a
 # gouge.
 POINT_SPACING = 0.4
-# Points of design faces that shank and holder are held against, for each face.
-FACE_POINTS = 6000
+# Shank and holder keep this much more than their margins, mm, for the poses and points that lie between those looked at.
+RESERVE = 0.02
 # Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, a few hundred points in each.
 CELL = 5.0
 # Shorter stretches than this are not worth a cut, mm of travel.
@@ -62,20 +62,20 @@ class PointCells:
         return cls(ordered, starts, centres, np.maximum.reduceat(away, starts[:-1]))
 
 
-def mesh_points(mesh: CheckMesh) -> Array:
-    """Points on a mesh, at most POINT_SPACING apart and not much closer, shape (N, 3)."""
+def mesh_points(mesh: CheckMesh, spacing: float) -> Array:
+    """Points on a mesh, at most `spacing` mm apart and not much closer, shape (N, 3)."""
     if not len(mesh.triangles):
         return np.zeros((0, 3))
     corners = mesh.vertices[mesh.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    counts = np.ceil(edges / POINT_SPACING).astype(int)
+    counts = np.ceil(edges / spacing).astype(int)
     parts = [mesh.vertices[np.unique(mesh.triangles)]]
     for count in np.unique(counts[counts > 1]):
         weights = np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
         inner = weights[np.all(weights < 1.0, axis=1)]
         parts.append(np.einsum("wc,tcx->twx", inner, corners[counts == count]).reshape(-1, 3))
     points = np.concatenate(parts)
-    key = np.floor(points / (0.5 * POINT_SPACING)).astype(np.int64)
+    key = np.floor(points / (0.5 * spacing)).astype(np.int64)
     _, first = np.unique(_packed(key), return_index=True)
     return points[np.sort(first)]
 
@@ -117,18 +117,18 @@ class Screen:
     check_margins: Margins
 
     @classmethod
-    def of(cls, scene: Scene) -> Screen:
-        """The screen of a job."""
+    def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
+        """The screen of a job, with points about `spacing` mm apart."""
         faces = [WorkFace.of(design, 0.0) for design in scene.faces]
-        points = np.concatenate([face.samples(face.spacing(FACE_POINTS)).points for face in faces])
+        points = np.concatenate([face.samples(spacing).points for face in faces])
         over, allowance = scene.job.tolerance.overcut, scene.job.tolerance.allowance
         margin = scene.job.obstacles.margin
         return cls(
             scene.job,
             PointCells.of(points),
-            PointCells.of(mesh_points(scene.check)),
-            Margins(allowance - over, allowance - over, margin.holder),
-            Margins(-over, margin.shank, margin.holder),
+            PointCells.of(mesh_points(scene.check, spacing)),
+            Margins(allowance - over, allowance, margin.holder + RESERVE),
+            Margins(-over, margin.shank + RESERVE, margin.holder + RESERVE),
         )
 
     def free(self, p: Array, d: Array, tool: Tool, slack: float = 0.0, parallel: bool = False) -> BoolArray:

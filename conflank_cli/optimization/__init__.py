@@ -26,6 +26,8 @@ _Result = TypeVar("_Result")
 MARGIN = 0.7
 # Points that the covered area of one sweep is judged on.
 POINTS = 2500
+# Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
+SCREEN_SPACING = 0.8
 # Sweeps of every face and tool that are refined and grown: those in good covers, about so many.
 REFINED = 32
 # A sweep that adds less than this share of a face to a cover is not worth refining.
@@ -44,7 +46,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
     weights = Weights(keys.mu1, keys.mu2, keys.mu3, keys.mu4, keys.mu5)
     limits = Limits(job.tolerance.overcut, job.tolerance.undercut, job.tolerance.allowance)
     tools = {tool.name: tool for tool in scene.tools}
-    screen = Screen.of(scene)
+    screen = Screen.of(scene, SCREEN_SPACING)
     tasks: dict[tuple[int, str], Task] = {}
     for key in sorted({(sweep.face, sweep.tool) for sweep in sweeps}):
         tool = tools[key[1]]
