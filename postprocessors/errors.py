@@ -23,3 +23,7 @@ class PostError(Exception):
 
     def __str__(self) -> str:
         return f"{self.where}: found {self.found}; expected {self.expected}. {self.next_step}"
+
+
+class DeviceError(PostError):
+    """A port or a control did not do its part; what was being transferred is not under its final name."""

@@ -1,0 +1,222 @@
+"""A program as it lies in a file: what is checked before it goes out, its lines, and what drip feed asks of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import sha256
+from math import dist, inf
+from pathlib import Path
+from typing import BinaryIO
+
+from postprocessors.dnc.profile import Profile
+from postprocessors.dnc.wire import is_text
+from postprocessors.errors import PostError
+
+LONGEST_LINE = 1024
+"""Characters; blocks of programs are a tenth of it, and a line without end would fill the memory."""
+BLOCK_OVERHEAD, LINE_OVERHEAD = 5, 2
+"""Characters on the line besides the text: STX, ETB, BCC, DC1, ACK; or CR LF."""
+STANDING_MM = 1e-3
+"""Moves of the tip shorter than this are turns, which feed in mm/min does not describe."""
+
+_BEGIN = re.compile(rb"\s*\d*\s*BEGIN PGM (\S+) (?:MM|INCH)\s*|%(\S+) G7[01]\b.*")
+_END = re.compile(rb"\s*\d*\s*END PGM \S+ (?:MM|INCH)\s*|N9+ %\S+ G7[01]\b.*")
+_JUMPS = (
+    (re.compile(rb"\b(?:CALL\s+)?LBL\b"), "a label"),
+    (
+        re.compile(rb"\bCALL PGM\b|\bPGM CALL\b|\bSEL PGM\b|\bCALL SELECTED\b|\bCYCL DEF 12\b|%:|\bG39\b"),
+        "a program call",
+    ),
+    (re.compile(rb"\bFN ?(?:9|10|11|12)\b|\bD(?:09|10|11|12)\b"), "a jump"),
+    (re.compile(rb"\bG98\b|^N\d+ L\d+,\d+"), "a label"),
+)
+_WORD = re.compile(rb"\b(I?)([XYZ])([+-]?\d+(?:[.,]\d*)?|[+-]?[.,]\d+)")
+_FEED = re.compile(rb"\bF(\d+(?:[.,]\d*)?)")
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program that may go over the wire.
+
+    Attributes
+    ----------
+    path: its file.
+    name: as its first line has it, or the file's stem.
+    named: whether the first line has it.
+    ended: whether the last line ends a program.
+    size, lines, longest: bytes of the file, lines, characters of the longest line.
+    plain: whether every line ends in CR LF, so that what the control gets is the file's bytes.
+    sha256: of the file's bytes.
+    """
+
+    path: Path
+    name: str
+    named: bool
+    ended: bool
+    size: int
+    lines: int
+    longest: int
+    plain: bool
+    sha256: str
+
+    def text(self) -> Iterator[bytes]:
+        """The lines without their ends, read again and compared with what was checked.
+
+        Raises
+        ------
+        PostError: the file has changed; raised instead of the last line, so that the control keeps nothing.
+        """
+        digest = sha256()
+        last: bytes | None = None
+        with _open(self.path) as stream:
+            for raw in _raw_lines(stream, self.path):
+                digest.update(raw)
+                if last is not None:
+                    yield last
+                last = _stripped(raw)
+        if digest.hexdigest() != self.sha256 or last is None:
+            raise PostError(
+                str(self.path), "a file that changes while it is sent", "the file that was checked", "Again."
+            )
+        yield last
+
+    @property
+    def sent_bytes(self) -> int:
+        """Bytes that the control gets as text, each line with CR LF."""
+        return self.size if self.plain else sum(len(line) + 2 for line in self.text())
+
+
+def read_program(path: Path, profile: Profile) -> Program:
+    """Go through a program once, in constant memory.
+
+    Raises
+    ------
+    PostError: not readable, empty, or with characters that the protocol cannot carry.
+    """
+    digest = sha256()
+    size = count = longest = 0
+    plain = True
+    first = last = b""
+    with _open(path) as stream:
+        for raw in _raw_lines(stream, path):
+            digest.update(raw)
+            size += len(raw)
+            count += 1
+            plain &= raw.endswith(b"\r\n")
+            last = _stripped(raw)
+            longest = max(longest, len(last))
+            first = first or last
+            for place, character in enumerate(last, 1):
+                if not is_text(character, profile.data_bits):
+                    found = f"character 0x{character:02X}"
+                    expected = f"printable characters of {profile.data_bits} bits"
+                    raise PostError(
+                        f"{path}: line {count}, column {place}", found, expected, "Take it out of the file."
+                    )
+    if not count:
+        raise PostError(str(path), "an empty file", "a program", "Check its path.")
+    match = _BEGIN.fullmatch(first)
+    name = (match[1] or match[2]).decode() if match else path.name.partition(".")[0]
+    ended = _END.fullmatch(last) is not None
+    return Program(path, name, match is not None, ended, size, count, longest, plain, digest.hexdigest())
+
+
+def name_in(line: bytes) -> str | None:
+    """The name that a first line gives its program; None if it is no first line."""
+    match = _BEGIN.fullmatch(line)
+    return (match[1] or match[2]).decode() if match else None
+
+
+def _open(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise PostError(str(path), f"no readable file ({error.strerror})", "a program", "Check its path.") from None
+
+
+def _raw_lines(stream: BinaryIO, path: Path) -> Iterator[bytes]:
+    number = 0
+    while raw := stream.readline(LONGEST_LINE + 3):
+        number += 1
+        if len(_stripped(raw)) > LONGEST_LINE:
+            found = f"more than {LONGEST_LINE} characters"
+            raise PostError(f"{path}: line {number}", found, "a block of a program", "Is it a program?")
+        yield raw
+
+
+def _stripped(raw: bytes) -> bytes:
+    """A line without its one line end."""
+    return raw.removesuffix(b"\n").removesuffix(b"\r")
+
+
+@dataclass(frozen=True, slots=True)
+class FeedLimit:
+    """What the line rate allows, mm/min.
+
+    Attributes
+    ----------
+    sustained: all ways over all times on the line: the control's buffer evens out single blocks at best to this.
+    least, least_line: of the block whose way is shortest for its length, and the number of its line.
+    moves, over: moves with a feed, and how many of them are programmed faster than their own block's limit.
+    """
+
+    sustained: float
+    least: float
+    least_line: int
+    moves: int
+    over: int
+
+
+def check_drip(program: Program) -> None:
+    """Refuse what a control cannot execute while each block is deleted after it.
+
+    Raises
+    ------
+    PostError: a jump, a label or a call.
+    """
+    for number, line in enumerate(program.text(), 1):
+        code = line.partition(b";")[0].upper()
+        for pattern, what in _JUMPS:
+            if pattern.search(code):
+                found = f"{what}: {line.decode('latin-1').strip()}"
+                expected = "blocks that are executed once, in their order"
+                raise PostError(f"{program.path}: line {number}", found, expected, "Send it whole: conflank dnc send.")
+
+
+def feed_limit(program: Program, profile: Profile, turnaround_s: float = 0.0) -> FeedLimit:
+    """The feed above which the machine waits for the line.
+
+    `turnaround_s` is what the control and this computer need between two blocks, besides the characters.
+    """
+    at: dict[bytes, float] = {}
+    feed = 0.0
+    length = seconds = waiting = 0.0
+    least, least_line = inf, 0
+    moves = over = 0
+    overhead = BLOCK_OVERHEAD if profile.blockwise else LINE_OVERHEAD
+    for number, line in enumerate(program.text(), 1):
+        code = line.partition(b";")[0]
+        # A block that does not move takes its time on the line before the next that does.
+        waiting += (len(line) + overhead) * profile.character_s + turnaround_s
+        if found := _FEED.search(code):
+            feed = float(found[1].replace(b",", b"."))
+        words = _WORD.findall(code)
+        if not words or b"CYCL" in code or b"BLK FORM" in code:
+            continue
+        before = dict(at)
+        for relative, axis, value in words:
+            at[axis] = float(value.replace(b",", b".")) + (at.get(axis, 0.0) if relative else 0.0)
+        way = dist([before.get(axis, value) for axis, value in at.items()], list(at.values()))
+        if way < STANDING_MM:
+            continue
+        if b"FMAX" not in code:
+            limit = 60.0 * way / waiting
+            length, seconds = length + way, seconds + waiting
+            moves += 1
+            over += feed > limit
+            if limit < least:
+                least, least_line = limit, number
+        waiting = 0.0
+    return FeedLimit(60.0 * length / seconds if seconds else inf, least, least_line, moves, over)
