@@ -25,6 +25,7 @@ LONGEST_BLOCK = 4096
 """Characters; a block without end must not fill the memory."""
 NAME_PATTERN = r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,40}"
 """Names that a control may ask for: no folders, nothing hidden."""
+_NUMBERED = re.compile(rb"N?\d|%")
 DIRECTORY_HEADING = 4
 """Lines at the head of an FE1 directory that the control ignores."""
 
@@ -80,6 +81,7 @@ class BlockwiseServer(Engine):
         self._text = bytearray()
         self._damaged = False
         self._check = 0
+        self._tail = False
         self._recent = b""
         self._bad_frames = 0
         # of the transfer that is going on
@@ -112,9 +114,9 @@ class BlockwiseServer(Engine):
             self._damaged |= self._frame is Frame.SETTLE
             self._frame = Frame.TEXT
             self._frame_text(character, now)
-        elif character in (self._characters.soh, self._characters.stx):
-            expected = self._characters.stx if self._state is State.BLOCK else self._characters.soh
-            self._open_frame(character, damaged=character == self._characters.stx and character != expected, now=now)
+        elif character == self._characters.soh or (character == self._characters.stx and self._state is State.BLOCK):
+            self._tail = False
+            self._open_frame(character, damaged=False, now=now)
         elif self._state is State.IDLE:
             self._idle(character, now)
         elif self._state is State.BLOCK:
@@ -153,13 +155,24 @@ class BlockwiseServer(Engine):
         elif self._state is State.BLOCK:
             self._block_received(text[1:-1], now)
         else:
-            self._bad_frame("a block where none was due", now)
+            self._bad_frame("a block that begins like none", now)
 
     def _frame_broken(self, now: float) -> None:
         self._frame = Frame.NONE
         self._bad_frame(f"a block that was not finished within {self.profile.reply_timeout_s:g} s", now)
+        self._tail = True
 
     def _bad_frame(self, what: str, now: float) -> None:
+        """Answer NAK, once for each block: the control takes a second one for the answer to its repetition."""
+        if self._tail:
+            # The rest of a block that came too late and has had its NAK.
+            self._tail = False
+            self._wait_in_state(now)
+            return
+        if self._state in (State.ANSWER, State.END_CONFIRMED) and self._pending is None:
+            # Nothing but a message of the control can begin so here, and that is not asked for again.
+            self._wait_in_state(now)
+            return
         self._bad_frames += 1
         self.counts.repeats += 1
         if self._bad_frames > self.profile.retries:
@@ -274,6 +287,7 @@ class BlockwiseServer(Engine):
     def _begin_transfer(self, name: str, header: bytes) -> None:
         self.counts.bytes = self.counts.blocks = self.counts.repeats = 0
         self._name, self._header = name, header
+        self._line = b""
         if not self._once:
             self.title = name
 
@@ -383,6 +397,13 @@ class BlockwiseServer(Engine):
                 self._bad_frame("a block without CR LF, against line_end_in_block", now)
                 return
             text = text[: -len(LINE_END)]
+        if text == self._line and _NUMBERED.match(text):
+            # The control repeats a block whose ACK was damaged; a number does not come twice in a program.
+            self.counts.repeats += 1
+            self._waiting.append(self._characters.ack)
+            self._wait_in_state(now)
+            return
+        self._line = text
         self._sink.write(text)
         self.counts.blocks += 1
         self.counts.bytes += len(text) + len(LINE_END)
@@ -482,6 +503,7 @@ class BlockwiseServer(Engine):
         self._state = State.IDLE
         self._frame = Frame.NONE
         self._bad_frames = 0
+        self._tail = False
         self._recent = b""
         self._pending = None
         self._paused = False

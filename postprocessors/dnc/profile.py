@@ -221,6 +221,8 @@ def _check(profile: Profile, where: str) -> None:
         ("leading_nulls", 0 <= profile.leading_nulls <= 1000, "0 to 1000"),
         ("abort_digit", -1 <= profile.abort_digit <= 7, "-1 to 7"),
         ("sector_bytes", profile.sector_bytes >= 1, "1 or more"),
+        # The space of the former would come after the CR LF of the latter, where a line cannot end.
+        ("bcc_no_control", not (profile.bcc_no_control and profile.line_end_in_block), "false with line_end_in_block"),
     ]
     for key in ("start_timeout_s", "silence_timeout_s"):
         rules.append((key, 0.0 <= getattr(profile, key) < 1e6, "0 (for ever) or seconds"))

@@ -215,7 +215,8 @@ class SimulatedControl:
                     break
                 self._eats_at += 1.0 / self.faults.appetite
             self._advance(self._arrived.popleft())
-        if self._stopped_sender and self._resume_at is None and len(self._arrived) <= self.faults.buffer // 4:
+        low = max(0, self.faults.buffer - MARGIN) // 2
+        if self._stopped_sender and self._resume_at is None and len(self._arrived) <= low:
             self._let_go()
         if self._resume_at is not None and now >= self._resume_at:
             self._resume_at = None
@@ -300,6 +301,10 @@ class SimulatedControl:
         """Faults that strike at a block."""
         faults = self.faults
         if block in faults.silence:
+            if not self.setup.blockwise and self.setup.dc3 and not self._outputs:
+                # Without blocks it is DC3 that makes a sender wait.
+                self._stop_sender()
+                self._resume_at = self._now + faults.silence[block]
             yield Sleep(faults.silence[block])
         if faults.silent_at and block >= faults.silent_at:
             self._mute = True
@@ -353,7 +358,7 @@ class SimulatedControl:
                 yield from self._trouble(count)
                 text = bytes(line[:-1])
                 line.clear()
-                if not found and _gives_name(text, name):
+                if not found and _gives_name(text, name, first=count == 1):
                     found = True
                 if found:
                     lines.append(text)
@@ -562,10 +567,10 @@ def _name_given(line: bytes) -> str:
     return (match[1] or match[2]).decode() if match else "NONAME"
 
 
-def _gives_name(line: bytes, name: str) -> bool:
-    """Whether a line begins the program of that name; for a file without such a line any name will do."""
+def _gives_name(line: bytes, name: str, first: bool) -> bool:
+    """Whether a line begins the program of that name; for a file whose first line begins none any name will do."""
     begins = re.match(rb"\s*\d*\s*BEGIN PGM |%", line) is not None
-    return not begins or _name_given(line) == name.partition(".")[0]
+    return _name_given(line) == name.partition(".")[0] if begins else first
 
 
 def _with_extension(name: str, lines: list[bytes]) -> str:
