@@ -21,10 +21,13 @@ STEP = 1.0
 REACH = 0.25
 
 
-def motion_gap(motion: Motion, tool: Tool, points: Array, reach: float = REACH) -> tuple[Array, Array]:
-    """Swept gap g (N,) in mm of points (N, 3), and the time t (N,) of the pose that gives it.
+def motion_gap(
+    motion: Motion, tool: Tool, points: Array, allowance: float = 0.0, reach: float = REACH, step: float = STEP
+) -> tuple[Array, Array]:
+    """Swept gap g less `allowance` (N,) in mm of points (N, 3), and the time t (N,) of the pose that gives it.
 
-    Gaps above `reach` are only bounded from above, by the sampled poses.
+    Where it is above `reach` it is only bounded from above, by the sampled poses. `step` is that of the first look, mm:
+    a motion that slows down and turns at an end has minima closer together than the usual one can tell.
     """
     breaks = np.unique(motion.knots)
     spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
@@ -32,12 +35,12 @@ def motion_gap(motion: Motion, tool: Tool, points: Array, reach: float = REACH) 
     polynomials = np.stack(
         [spline(breaks[:-1], nu=order) * width**order / factorial(order) for order in range(DEGREE + 1)], axis=1
     )
-    samples = max(int(np.ceil(travel(motion) / STEP)), 8)
+    samples = max(int(np.ceil(travel(motion) / step)), 8)
     alpha = tool.half_angle
     cutter = np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
     gap, time = np.empty(len(points)), np.empty(len(points))
-    swept_gap(polynomials, breaks, samples, np.ascontiguousarray(points), reach, cutter, gap, time)
-    return gap, time
+    swept_gap(polynomials, breaks, samples, np.ascontiguousarray(points), allowance + reach, cutter, gap, time)
+    return gap - allowance, time
 
 
 def travel(motion: Motion) -> float:

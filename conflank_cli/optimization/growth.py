@@ -43,8 +43,7 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
     p, q = motion.p, motion.q
     d = (q - p) / tool.length
     prolonged = Motion(motion.knots, p - low * d, q + FURTHEST * d)
-    gap, time = motion_gap(prolonged, long, samples.points)
-    gap = gap - limits.allowance
+    gap, time = motion_gap(prolonged, long, samples.points, limits.allowance)
     inside = (gap >= -limits.over) & (gap <= limits.under)
     time, areas = time[inside], samples.areas[inside]
     start, end = motion.ends(time)

@@ -80,7 +80,7 @@ class Task:
         allowed = self.screen.allowed(motion, self.tool)
         if allowed is None:
             return np.full(len(self.samples.areas), np.inf)
-        return motion_gap(allowed, self.tool, self.samples.points)[0] - self.limits.allowance
+        return motion_gap(allowed, self.tool, self.samples.points, self.limits.allowance)[0]
 
     def covered(self, gaps: Array) -> BoolArray:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""

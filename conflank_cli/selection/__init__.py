@@ -27,6 +27,8 @@ POINTS = 6000
 LEAST_GAIN = 0.005
 # Points on which the chosen sweeps are looked over once more for overcut: under half a millimetre apart on a blade.
 DENSE_POINTS = 40000
+# The poses they are looked over at first are this far apart, mm.
+DENSE_STEP = 0.2
 # What posting may change of the swept gap, mm: so much of the tolerance is left to it.
 POSTING = 0.0005
 
@@ -60,7 +62,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
         motion = screen.allowed(sweep.motion, tool)
         if motion is None:
             return None
-        gap = motion_gap(motion, tool, samples[sweep.face].points)[0] - tolerance.allowance
+        gap = motion_gap(motion, tool, samples[sweep.face].points, tolerance.allowance)[0]
         # Between the poses that were screened a sweep may still cut deeper; its swept gap has the last word.
         if gap.min() < -over:
             return None
@@ -80,7 +82,9 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
             dense = face.samples(face.spacing(DENSE_POINTS)).points
 
             def overcuts(item: _Judged, points: Array = dense) -> bool:
-                gap = motion_gap(item.sweep.motion, tools[item.sweep.tool], points)[0] - tolerance.allowance
+                gap = motion_gap(
+                    item.sweep.motion, tools[item.sweep.tool], points, tolerance.allowance, step=DENSE_STEP
+                )[0]
                 return bool(gap.min() < -over)
 
             chosen = _cover(own, sample.areas, job.selection.coverage)

@@ -36,7 +36,8 @@ def cutter_distance(x, y, z, px, py, pz, qx, qy, qz, r_min, slope_sin, slope_cos
     if lateral <= 0.0 and above <= 0.0:
         # Inside, the top disc may be nearer than the cone.
         return max(lateral, above)
-    if beside * slope_cos < length:
+    # Below the normal to the cone at its rim; inside the prolonged cone the top disc is nearest.
+    if lateral > 0.0 and beside * slope_cos < length:
         return lateral
     if rim <= 0.0:
         return above
