@@ -27,8 +27,16 @@ test-all: setup
 bench: setup
 	$(BIN)/python -m benchmarks.run
 
+# Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
+# tour's commands print, among them the main job, then pictures and tables. Review the changes and commit them.
+# The other jobs of the sample parts are in sample_parts/Makefile, the rows of the bench come from
+# `python -m benchmarks.run --json benchmarks/results/bench.json`.
 samples: setup
-	$(MAKE) -C sample_parts CONFLANK=$(abspath $(BIN)/conflank) PYTHON=$(abspath $(BIN)/python)
+	$(MAKE) -B -C sample_parts parts CONFLANK=$(abspath $(BIN)/conflank) PYTHON=$(abspath $(BIN)/python)
+	$(BIN)/python -m docs.tour
+	$(BIN)/python -m docs.pictures out
+	$(BIN)/python -m benchmarks.knot_spacing --json benchmarks/results/knot_spacing.json
+	$(BIN)/python -m benchmarks.readme --sample out/BLISK1.H.verification.json
 
 # The main job: from the STEP file of a blade to a program that has been read back and measured. Findings (exit code 1)
 # are a result of it, not a failure of the demonstration.

@@ -7,6 +7,7 @@ depends on the day or the machine but the times of the bench, which say so.
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -38,7 +39,8 @@ def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def fixed(value: float | None, digits: int) -> str:
     """A number, or a dash for what is not known."""
-    return "–" if value is None else f"{value:.{digits}f}"
+    # Minus nothing is nothing.
+    return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 # --- blocks ---------------------------------------------------------------------------------------------------------
@@ -141,10 +143,47 @@ def _job() -> str:
     return f"```toml\n{job}```\n"
 
 
+CONSTANTS: tuple[tuple[str, str, str], ...] = (
+    ("detection.tracing", "SPHERES", "spheres along the flute on which a line is judged"),
+    ("detection.tracing", "STEP", "mm from line to line of a sequence"),
+    ("detection", "SMALLEST", "share of the face below which a sequence is dropped"),
+    ("detection", "MARGIN", "share of the flute by which the surface is continued"),
+    ("detection.ruled_fit", "SPACING", "mm between control points of a detected motion"),
+    ("optimization.task", "PAPER_STEPS", "steps with the paper's weights"),
+    ("optimization.task", "FADE_STEPS", "steps in which μ₂ and μ₅ fade"),
+    ("optimization.task", "SETTLE_STEPS", "steps that settle"),
+    ("optimization.task", "STIFFEST", "largest factor on μ₄"),
+    ("optimization.task", "SCALE_FIRST", "σ at first, in undercut tolerances"),
+    ("optimization.task", "SCALE_LAST", "σ in the end"),
+    ("optimization.task", "FINE_SPACING", "mm between control points while settling"),
+    ("optimization.task", "SETTLE_PROXIMITY", "factor on μ₃ while settling"),
+    ("optimization.gauss_newton", "OFF_FACE", "weight of samples off the face"),
+    ("optimization.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
+    ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
+    ("optimization", "REFINED", "sweeps of a face and tool that are refined and grown, about"),
+    ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
+    ("geometry.screening", "STEP", "mm between the poses that are screened"),
+    ("selection", "LEAST_GAIN", "share of the area that a sweep must add"),
+    ("posting", "CHORD_TOLERANCE", "mm between a block and the exact motion"),
+    ("verification.sampling", "POINTS_PER_FACE", "points at which a face is judged"),
+    ("verification.poses", "CELL_LENGTH", "mm, longest cell of the motion"),
+)
+
+
+def constants_table() -> str:
+    """Constants that docs/method.md speaks of, as the code has them."""
+    rows = []
+    for module, name, meaning in CONSTANTS:
+        value = getattr(importlib.import_module(f"conflank_cli.{module}"), name)
+        rows.append([f"`{module}.{name}`", f"{value:g}", meaning])
+    return markdown(["<constant", "value", "<meaning"], rows)
+
+
 BLOCKS: dict[str, Callable[[], str]] = {
     "sample": sample_table,
     "bench": bench_table,
     "knots": knots_table,
+    "constants": constants_table,
     "job": _job,
     **{
         f"tour-{block}": _tour(block)

@@ -61,7 +61,7 @@ RULED_ALPHA = 0.5
 CUTTERS = 4  # along the sweep that is shown
 SHANK_SHOWN = 4.0  # mm of shank above the flute
 STUMP_RADIUS = 64.5  # mm; the neighbour in front of a flank is cut off there, 4.5 mm above the hub
-BESIDE, BELOW, ABOVE = 13.0, 11.0, 4.0  # mm of surroundings shown beside, below and above a flank
+BESIDE, BELOW, ABOVE = 13.0, 11.0, 2.0  # mm of surroundings shown beside, below and above a flank
 LIFT = 0.38  # of the way from above
 PIXELS = 11.0  # for one mm of the part
 
@@ -158,20 +158,19 @@ def stump(mesh: Mesh) -> Mesh:
     return replace(mesh, cut=np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1]) - STUMP_RADIUS)
 
 
-def camera_for(shown: GapMap, lift: float, tall: Iterable[Mesh]) -> Camera:
-    """A camera that looks at a face from the cutter's side, `lift` of the way from above (+X); `tall` fits in above."""
+def camera_for(shown: GapMap, lift: float, bodies: Iterable[Mesh]) -> Camera:
+    """A camera that looks at a face from the cutter's side, `lift` of the way from above (+X); the bodies fit in."""
     normal = shown.normals[shown.inside].mean(axis=0)
     up = np.array([1.0, 0.0, 0.0])
     normal -= (normal @ up) * up
     towards = normal / np.linalg.norm(normal) + lift * up
     towards /= np.linalg.norm(towards)
     free = Camera(towards, up, np.zeros(2), np.ones(2), PIXELS)
-    flat = shown.points.reshape(-1, 3) @ free.rotation[:2].T
-    top = np.concatenate([mesh.vertices for mesh in tall]) @ free.rotation[1]
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    return Camera(
-        towards, up, low - [BESIDE, BELOW], np.array([high[0] + BESIDE, max(high[1], top.max()) + ABOVE]), PIXELS
-    )
+    flank = shown.points.reshape(-1, 3) @ free.rotation[:2].T
+    around = np.concatenate([mesh.vertices for mesh in bodies]) @ free.rotation[:2].T
+    low = np.minimum(np.subtract(flank.min(axis=0), (BESIDE, BELOW)), around.min(axis=0) - ABOVE)
+    high = np.maximum(np.add(flank.max(axis=0), (BESIDE, ABOVE)), around.max(axis=0) + ABOVE)
+    return Camera(towards, up, low, high, PIXELS)
 
 
 def gap_picture(sample: Sample) -> Figure:
@@ -189,13 +188,11 @@ def gap_picture(sample: Sample) -> Figure:
         longest = max(cuts, key=lambda k: sample.plan[k].facts["covered_area_mm2"])
         tool, tip, axis = sample.posted.sweep_poses(longest)
         cutters = [mesh for k in evenly(tip, CUTTERS) for mesh in cutter_mesh(tool, tip[k], axis[k])]
-        camera = camera_for(shown, LIFT, cutters)
-        _show(axes[row, 0], render(camera, [*around, *flanks]))
-        axes[row, 0].set_title(
-            f"{face.name} side: gap between what the posted program cuts and the face", fontsize=10.5
-        )
-
         ruled = [ruled_mesh(*sample.posted.sweep_poses(k), SWEEPS[k % len(SWEEPS)]) for k in cuts]
+        camera = camera_for(shown, LIFT, [*cutters, *ruled])
+        _show(axes[row, 0], render(camera, [*around, *flanks]))
+        axes[row, 0].set_title(f"{face.name} side: gap of the posted program", fontsize=10.5)
+
         solid = render(camera, [*around, *plain, *cutters])
         _show(axes[row, 1], render(camera, ruled).over(solid, RULED_ALPHA))
         for k in cuts:

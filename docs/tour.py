@@ -37,7 +37,7 @@ COMMANDS = (
     Command("plan", "conflank inspect out/plan.npz"),
     Command("program", f"head -n 34 {PROGRAM}"),
     Command("verify", f"conflank verify {PROGRAM} --job {JOB}"),
-    # The same program, as if the cutter were 20 µm thicker at r_max than its header says.
+    # The same program, for a cutter that is 20 µm larger in radius at r_max.
     Command("thicker", f"sed 's/R_MAX 3 /R_MAX 3.02 /' {PROGRAM} > out/THICKER.H"),
     Command("findings", f"conflank verify out/THICKER.H --job {JOB}", 1),
     Command("missing", "conflank inspect out/NO.npz", 3),

@@ -14,7 +14,7 @@ from rich.table import Table
 from conflank_cli.verification.result import CutFigures, Place, Verification
 
 # Where nobody looks at a terminal a table may be as wide as it likes.
-_WIDE = 200
+_WIDE = 1000
 
 
 def text_table(columns: Sequence[str], rows: Sequence[Sequence[object]], title: str = "") -> str:
