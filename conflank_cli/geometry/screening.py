@@ -21,13 +21,15 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Poses of a motion are judged this far apart, mm.
-STEP = 0.75
+# Poses of a motion are judged this far apart, mm, at whatever end of the assembly moves most.
+STEP = 1.0
+# Poses from which that distance is taken.
+COARSE = 33
 # Check geometry is sampled at most this far apart, mm, and thinned to half of that: between samples a ball of radius
 # 1.5 in a fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a
 # gouge.
 POINT_SPACING = 0.4
-# Shank and holder keep this much more than their margins, mm, for the poses and points that lie between those looked at.
+# Shank and holder keep this much more than their margins, mm, for what lies between the poses and points looked at.
 RESERVE = 0.02
 # Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, a few hundred points in each.
 CELL = 5.0
@@ -120,7 +122,9 @@ class Screen:
     def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
         """The screen of a job, with points about `spacing` mm apart."""
         faces = [WorkFace.of(design, 0.0) for design in scene.faces]
-        points = np.concatenate([face.samples(spacing).points for face in faces])
+        points = np.concatenate(
+            [part for face in faces for part in (face.samples(spacing).points, face.border(spacing))]
+        )
         over, allowance = scene.job.tolerance.overcut, scene.job.tolerance.allowance
         margin = scene.job.obstacles.margin
         return cls(
@@ -153,8 +157,13 @@ class Screen:
 
     def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
         """The longest stretch of a motion that violates nothing, or None where there is none worth a cut."""
+        # Where the axis swings, the top of the holder travels furthest.
+        top = tool.length + sum(section.length for section in (*tool.shank, *tool.holder))
+        p, q = motion.ends(np.linspace(0.0, 1.0, COARSE))
+        high = p + top / tool.length * (q - p)
+        longest = max(float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum()) for x in (p, high))
         length = travel(motion)
-        count = max(int(np.ceil(length / STEP)), 8) + 1
+        count = max(int(np.ceil(longest / STEP)), 8) + 1
         times = np.linspace(0.0, 1.0, count)
         p, q = motion.ends(times)
         d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +106,22 @@ class WorkFace:
         area = size * (high[0] - low[0]) / count_u * (high[1] - low[1]) / count_v
         normals = self.sense * cross / np.maximum(size, 1e-300)[:, None]
         return FaceSamples(uv, np.ascontiguousarray(frame[:, 0]), normals, area, cell, (count_u, count_v))
+
+    def border(self, spacing: float) -> Array:
+        """Points of the trimmed face's border at most about `spacing` mm apart, shape (N, 3)."""
+        pieces = []
+        for loop in self.face.loops:
+            closed = np.vstack([loop, loop[:1]])
+            # A long edge of the polyline may bend in space, so its length is taken in parts.
+            fine = np.linspace(0.0, 1.0, 17)[:-1, None]
+            for start, end in pairwise(closed):
+                uv = start + fine * (end - start)
+                points = self.projector.evaluate(uv[:, 0], uv[:, 1])[:, 0]
+                length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() * len(fine) / (len(fine) - 1)
+                count = max(int(np.ceil(length / spacing)), 1)
+                uv = start + np.arange(count)[:, None] / count * (end - start)
+                pieces.append(self.projector.evaluate(uv[:, 0], uv[:, 1])[:, 0])
+        return np.concatenate(pieces)
 
 
 def on_face(face: DesignFace, uv: Array) -> npt.NDArray[np.bool_]:
