@@ -162,7 +162,6 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
     ("optimization", "REFINED", "sweeps of a face and tool that are refined and grown, about"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
-    ("geometry.screening", "STEP", "mm between the poses that are screened"),
     ("selection", "LEAST_GAIN", "share of the area that a sweep must add"),
     ("posting", "CHORD_TOLERANCE", "mm between a block and the exact motion"),
     ("verification.sampling", "POINTS_PER_FACE", "points at which a face is judged"),
