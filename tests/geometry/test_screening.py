@@ -18,6 +18,7 @@ from conflank_cli.geometry.screening import (
     CELL,
     ENOUGH,
     POINT_SPACING,
+    RESERVE,
     SHORTEST,
     STEP,
     Margins,
@@ -181,8 +182,8 @@ PLATE = plane_face((-40.0, 80.0), (-40.0, 40.0))
     ("z", "reach"),
     [
         ((5.0, 15.0), 3.0 - 0.010),  # the flute: up to the tolerance
-        ((26.0, 36.0), 2.5 + 0.5),  # the shank and its margin
-        ((45.0, 57.0), 12.0 - 4.0 / 20.0 + 1.0),  # the holder, 16 mm across at 38, 24 at 58, at 57 its radius is 11.8
+        ((26.0, 36.0), 2.5 + 0.5 + RESERVE),  # the shank and its margin
+        ((45.0, 57.0), 12.0 - 4.0 / 20.0 + 1.0 + RESERVE),  # the holder, 16 mm across at 38, 24 at 58, at 57 its radius is 11.8
     ],
     ids=["flute", "shank", "holder"],
 )
