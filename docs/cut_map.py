@@ -29,11 +29,20 @@ REACH = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PostedProgram:
-    """A program as the verification reads it: its cuts, a cutter for each tool call, and all poses in the CAD frame."""
+    """A program as the verification reads it.
+
+    Attributes
+    ----------
+    program: the text, read.
+    tools: the cutter of each tool call.
+    poses: all poses, in the CAD frame.
+    sweeps: which of the program's cuts are sweeps, in their order.
+    """
 
     program: Program
     tools: tuple[Tool, ...]
     poses: Poses
+    sweeps: tuple[int, ...]
 
     @classmethod
     def of(cls, text: str) -> PostedProgram:
@@ -48,11 +57,12 @@ class PostedProgram:
             tools.append(Tool(own.name, own.r_min, own.r_max, own.length, number=own.number))
         frame = program.header.frame or Frame((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         poses = poses_on_part(program.moves, program.letters, frame, np.zeros(len(program.moves.block)))
-        return cls(program, tuple(tools), poses)
+        sweeps = tuple(k for k, cut in enumerate(program.cuts) if cut.kind == "sweep")
+        return cls(program, tuple(tools), poses, sweeps)
 
-    def sweep_poses(self, cut: int) -> tuple[Tool, Array, Array]:
-        """The tool of a cut, and its tip points and axes in the CAD frame, (N, 3) each."""
-        chosen = np.flatnonzero(self.poses.moves.cut == cut)
+    def sweep_poses(self, sweep: int) -> tuple[Tool, Array, Array]:
+        """The tool of a sweep (counted from 0), and its tip points and axes in the CAD frame, (N, 3) each."""
+        chosen = np.flatnonzero(self.poses.moves.cut == self.sweeps[sweep])
         return self.tools[int(self.poses.moves.tool[chosen[0]])], self.poses.tip[chosen], self.poses.axis[chosen]
 
 
@@ -67,7 +77,7 @@ class GapMap:
     points, normals: (U, V, 3) mm and unit, normals towards the cutter.
     inside: (U, V), whether a grid point is on the trimmed face.
     gap: (U, V) mm, inf beyond `REACH`; the worse of both ways in which the axis may go between two blocks.
-    by_cut: (cuts, U, V), the same for each cut alone.
+    by_sweep: (sweeps, U, V), the same for each sweep alone.
     """
 
     face: DesignFace
@@ -77,7 +87,7 @@ class GapMap:
     normals: Array
     inside: Flags
     gap: Array
-    by_cut: Array
+    by_sweep: Array
 
     def covered(self, over: float, under: float) -> Flags:
         """Where the gap is within tolerance (mm), on the trimmed face."""
@@ -94,12 +104,12 @@ def gap_map(posted: PostedProgram, face: DesignFace, shape: tuple[int, int]) -> 
     # Grid points on the border belong to the face: the rule decides for points just inside of them.
     middle_u, middle_v = 0.5 * (u[0] + u[-1]), 0.5 * (v[0] + v[-1])
     inside = inside_rows(face.loops, middle_u + (u - middle_u) * (1.0 - 1e-6), middle_v + (v - middle_v) * (1.0 - 1e-6))
-    gap, by_cut = _gaps(posted, points.reshape(-1, 3))
-    return GapMap(face, u, v, points, normals, inside, gap.reshape(shape), by_cut.reshape(-1, *shape))
+    gap, by_sweep = _gaps(posted, points.reshape(-1, 3))
+    return GapMap(face, u, v, points, normals, inside, gap.reshape(shape), by_sweep.reshape(-1, *shape))
 
 
 def _gaps(posted: PostedProgram, points: Array) -> tuple[Array, Array]:
-    """Gap of points (N, 3): over the whole program (N,), and by cut (cuts, N)."""
+    """Gap of points (N, 3): over the whole program (N,), and by sweep (sweeps, N)."""
     moves = posted.poses.moves
     modes = (Interpolation.VECTOR, Interpolation.AXIS)
     whole = np.full((len(modes), len(points)), np.inf)
@@ -114,7 +124,7 @@ def _gaps(posted: PostedProgram, points: Array) -> tuple[Array, Array]:
             whole[row] = np.minimum(whole[row], distance)
             if cut >= 0:
                 by_cut[row, cut] = np.minimum(by_cut[row, cut], distance)
-    return _worse(whole), _worse(by_cut)
+    return _worse(whole), _worse(by_cut)[list(posted.sweeps)]
 
 
 def _worse(values: Array) -> Array:

@@ -104,8 +104,8 @@ class Sample:
         colours = GAP_COLOURS(scale(1e3 * np.clip(shown.gap, -self.over, self.under)))[..., :3]
         return np.where((shown.gap > self.under)[..., None], rgb(NOT_REACHED), colours)
 
-    def cuts_of(self, face: int) -> list[int]:
-        """Indices of the program's sweeps over a face of the scene: those of the plan, in its order."""
+    def sweeps_of(self, face: int) -> list[int]:
+        """The sweeps over a face of the scene, counted from 0: the program has those of the plan, in its order."""
         return [k for k, sweep in enumerate(self.plan) if sweep.face == face]
 
 
@@ -184,18 +184,18 @@ def gap_picture(sample: Sample) -> Figure:
     for row, (shown, face) in enumerate(zip(sample.maps, sample.scene.faces, strict=True)):
         near, far = ("left", "right") if face.name == "pressure" else ("right", "left")
         around = [*own, *neighbours[far], *(stump(mesh) for mesh in neighbours[near])]
-        cuts = sample.cuts_of(row)
-        longest = max(cuts, key=lambda k: sample.plan[k].facts["covered_area_mm2"])
+        sweeps = sample.sweeps_of(row)
+        longest = max(sweeps, key=lambda k: sample.plan[k].facts["covered_area_mm2"])
         tool, tip, axis = sample.posted.sweep_poses(longest)
         cutters = [mesh for k in evenly(tip, CUTTERS) for mesh in cutter_mesh(tool, tip[k], axis[k])]
-        ruled = [ruled_mesh(*sample.posted.sweep_poses(k), SWEEPS[k % len(SWEEPS)]) for k in cuts]
+        ruled = [ruled_mesh(*sample.posted.sweep_poses(k), SWEEPS[k % len(SWEEPS)]) for k in sweeps]
         camera = camera_for(shown, LIFT, [*cutters, *ruled])
         _show(axes[row, 0], render(camera, [*around, *flanks]))
         axes[row, 0].set_title(f"{face.name} side: gap of the posted program", fontsize=10.5)
 
         solid = render(camera, [*around, *plain, *cutters])
         _show(axes[row, 1], render(camera, ruled).over(solid, RULED_ALPHA))
-        for k in cuts:
+        for k in sweeps:
             of, tips, directions = sample.posted.sweep_poses(k)
             middle = evenly(tips, 3)[1]
             place = camera.place((tips[middle] + 0.5 * (of.length - of.tip_height) * directions[middle])[None])[0]
@@ -245,23 +245,26 @@ def patches_picture(sample: Sample) -> Figure:
     axes: Any = figure.subplots(1, 2 * len(sample.maps))
     figure.subplots_adjust(0.045, 0.2, 0.99, 0.95, 0.2)
     for row, (shown, face) in enumerate(zip(sample.maps, sample.scene.faces, strict=True)):
-        cuts = sample.cuts_of(row)
-        covers = [(shown.by_cut[k] >= -sample.over) & (shown.by_cut[k] <= sample.under) & shown.inside for k in cuts]
-        ruler = np.argmin(np.where(covers, shown.by_cut[cuts], np.inf), axis=0)
+        sweeps = sample.sweeps_of(row)
+        covers = [
+            (shown.by_sweep[k] >= -sample.over) & (shown.by_sweep[k] <= sample.under) & shown.inside for k in sweeps
+        ]
+        ruler = np.argmin(np.where(covers, shown.by_sweep[sweeps], np.inf), axis=0)
         reached = np.any(covers, axis=0)
         extent = (shown.u[0], shown.u[-1], shown.v[0], shown.v[-1])
         rate = np.array([np.linalg.norm(np.diff(shown.points, axis=k), axis=2).sum(axis=k).mean() for k in (0, 1)])
         aspect = rate[1] / rate[0] * (extent[1] - extent[0]) / (extent[3] - extent[2])
-        palette = [rgb(SWEEPS[k % len(SWEEPS)]) for k in cuts]
+        palette = [rgb(SWEEPS[k % len(SWEEPS)]) for k in sweeps]
         image = np.where(reached[..., None], np.array(palette)[ruler], rgb(NOT_REACHED))
         image = np.where(shown.inside[..., None], 0.45 * image + 0.55, 1.0)
         image = np.where((shown.inside & ~reached)[..., None], rgb(NOT_REACHED), image)
         left, right = axes[2 * row : 2 * row + 2]
         left.imshow(image.transpose(1, 0, 2), origin="lower", extent=extent, aspect=aspect, interpolation="nearest")
-        for k, cover in zip(cuts, covers, strict=True):
+        for k, cover in zip(sweeps, covers, strict=True):
             colour = SWEEPS[k % len(SWEEPS)]
             left.contour(shown.u, shown.v, cover.T.astype(float), levels=[0.5], colors=[colour], linewidths=1.6)
-            own = reached & (ruler == cuts.index(k))
+            lowest = reached & (ruler == sweeps.index(k))
+            own = lowest if lowest.any() else cover
             middle = np.argwhere(own)[_innermost(own)]
             _number(left, np.array([shown.u[middle[0]], shown.v[middle[1]]]), k)
         left.set_title(f"{face.name} side: sweeps", fontsize=11)
@@ -272,7 +275,7 @@ def patches_picture(sample: Sample) -> Figure:
             each.set_xlabel("u, from leading to trailing edge")
         left.set_ylabel("v, from hub to tip")
     _gap_bar(figure, sample, (0.05, 0.085, 0.26, 0.022))
-    figure.text(0.345, 0.045, "outline: what a sweep leaves within tolerance; fill: the sweep that cuts lowest there")
+    figure.text(0.345, 0.045, "outline: what a sweep leaves within tolerance; fill: the sweep that sweeps lowest there")
     return figure
 
 

@@ -40,7 +40,7 @@ def test_the_gap_under_a_lying_cone_is_its_height(height: float) -> None:
     under = (shown.points[..., 0] >= 5) & (shown.points[..., 0] <= 25) & (shown.points[..., 1] <= cone_end)
     assert under.sum() > 400
     assert shown.gap[under] == pytest.approx(height, abs=1e-7)
-    assert shown.by_cut.shape == (1, 31, 29)
+    assert shown.by_sweep.shape == (1, 31, 29)
     assert shown.inside.all()
     # Beyond the flute and beside the sweep there is stock.
     assert shown.gap[shown.points[..., 1] > cone_end + 1.0].min() > 0.1
