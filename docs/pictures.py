@@ -275,7 +275,7 @@ def patches_picture(sample: Sample) -> Figure:
             each.set_xlabel("u, from leading to trailing edge")
         left.set_ylabel("v, from hub to tip")
     _gap_bar(figure, sample, (0.05, 0.085, 0.26, 0.022))
-    figure.text(0.345, 0.045, "outline: what a sweep leaves within tolerance; fill: the sweep that sweeps lowest there")
+    figure.text(0.345, 0.045, "outline: what a sweep leaves within tolerance; fill: the sweep that cuts lowest there")
     return figure
 
 
