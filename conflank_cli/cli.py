@@ -13,8 +13,8 @@ from typing import Any
 import click
 
 from conflank_cli import __version__
-from conflank_cli.errors import EXIT_DONE, EXIT_INPUT, EXIT_NUMERICAL, EXIT_USAGE, ConflankError
-from postprocessors.errors import PostError
+from conflank_cli.errors import EXIT_DEVICE, EXIT_DONE, EXIT_INPUT, EXIT_NUMERICAL, EXIT_USAGE, ConflankError
+from postprocessors.errors import DeviceError, PostError
 
 # What a shell reports for a program that SIGINT or SIGPIPE ended.
 EXIT_INTERRUPTED = 130
@@ -27,6 +27,7 @@ COMMANDS = {
     "select": "conflank_cli.commands.select:select",
     "post": "conflank_cli.commands.post:post",
     "verify": "conflank_cli.commands.verify:verify",
+    "dnc": "conflank_cli.commands.dnc:dnc",
     "run": "conflank_cli.commands.run:run",
 }
 """Commands in the order of the pipeline, as module:attribute. A command module imports numerics only when it runs."""
@@ -100,7 +101,9 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         if debug:
             traceback.print_exc()
         _say(error.where, error.found, error.expected, error.next_step)
-        return error.exit_code if isinstance(error, ConflankError) else EXIT_INPUT
+        if isinstance(error, ConflankError):
+            return error.exit_code
+        return EXIT_DEVICE if isinstance(error, DeviceError) else EXIT_INPUT
     except Exception as error:
         if debug:
             traceback.print_exc()

@@ -1,0 +1,518 @@
+"""`conflank dnc`: programs to and from the control over a serial line."""
+
+from __future__ import annotations
+
+import functools
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from conflank_cli import options
+from conflank_cli.commands.dnc_simulate import simulate
+from conflank_cli.options import Command, Talk
+
+if TYPE_CHECKING:
+    from postprocessors.dnc.engine import Counts, Engine
+    from postprocessors.dnc.profile import Profile
+    from postprocessors.dnc.program import Program
+
+DEFAULT_PROFILE = "itnc530-standard"
+LOOP_ROUNDS = 3
+LOOP_WAIT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """Which port, with which settings, and where what goes over it is noted."""
+
+    profile: Profile
+    port: str
+    log: str | None
+    as_hex: bool
+
+
+def wiring(function: Command) -> Command:
+    """Add --profile, --port, --set, --log and --hex; the command gets `wiring`."""
+
+    @click.option(
+        "--profile",
+        "profile_name",
+        metavar="NAME",
+        default=DEFAULT_PROFILE,
+        show_default=True,
+        help="Shipped profile, or a TOML file.",
+    )
+    @click.option("--port", metavar="PORT", help="Device or pyserial URL, instead of the profile's.")
+    @click.option(
+        "--set", "changes", metavar="KEY=VALUE", multiple=True, help="Another value for a key of the profile."
+    )
+    @click.option("--log", metavar="FILE", help="Note everything that goes over the wire.")
+    @click.option("--hex", "as_hex", is_flag=True, help="Note it in hexadecimal.")
+    @functools.wraps(function)
+    def command(
+        profile_name: str, port: str | None, changes: tuple[str, ...], log: str | None, as_hex: bool, **arguments: Any
+    ) -> Any:
+        profile = read_profile(profile_name, changes)
+        return function(wiring=Wiring(profile, port or profile.port, log, as_hex), **arguments)
+
+    return command
+
+
+def read_profile(name: str, changes: tuple[str, ...]) -> Profile:
+    """A profile with what --set changes in it."""
+    from postprocessors.dnc.profile import load_profile
+
+    pairs = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not equals:
+            raise click.BadParameter(f"{change!r} is not KEY=VALUE.", param_hint="--set")
+        pairs[key.strip()] = value.strip()
+    return load_profile(name, pairs)
+
+
+@click.group(epilog="\b\nExample:\n  conflank dnc send BLADE1.H")
+def dnc() -> None:
+    """Transfer programs over RS-232.
+
+    The operator starts each transfer at the control. Nothing goes out without --send, and only programs that have
+    been verified. docs/dnc.md tells how to set up the control, the cable and a profile.
+    """
+
+
+# --- send -----------------------------------------------------------------------------------------------------------
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc send BLADE1.H --profile itnc530-blockwise --port /dev/ttyUSB0")
+@click.argument("program", metavar="PROGRAM")
+@click.option("--send", "really", is_flag=True, help="Do it; otherwise only say what would be sent.")
+@click.option("--unverified", is_flag=True, help="Also without a verification that is free of findings.")
+@click.option("--lsv2", "address", metavar="HOST[:PORT]", help="Over TCP instead of the serial port (extra lsv2).")
+@click.option(
+    "--folder", metavar="DIR", default="TNC:\\", show_default=True, help="Folder of the control, with --lsv2."
+)
+@click.option("--overwrite", is_flag=True, help="Replace a file of that name at the control, with --lsv2.")
+@wiring
+@options.common
+def send(
+    program: str,
+    really: bool,
+    unverified: bool,
+    address: str | None,
+    folder: str,
+    overwrite: bool,
+    wiring: Wiring,
+    talk: Talk,
+) -> None:
+    """Send a program to the control.
+
+    PROGRAM needs PROGRAM.verification.json beside it, of this very text and without findings. Start the transfer at
+    the control as well: in the standard protocol it asks for a name, which must be the one in the program's first line.
+    """
+    checked = _releasable(program, wiring.profile, unverified, talk)
+    if address is not None:
+        from postprocessors.dnc.lsv2 import send_file
+
+        if not really:
+            _print_plan("would send", checked, f"{address}, {folder}", [])
+            return
+        size = send_file(checked.path, address, folder, overwrite)
+        talk.note(f"sent {checked.path.name}: {size:,} bytes to {address}")
+        return
+    if not really:
+        _print_plan("would send", checked, wiring.port, _line_words(wiring.profile, checked))
+        return
+    _transfer(_sender(checked, wiring.profile), wiring, talk, "send", checked.sent_bytes)
+    if not wiring.profile.blockwise:
+        talk.note("The control answered EOT, which it also does on an error: see its screen.")
+
+
+def _sender(program: Program, profile: Profile) -> Engine:
+    from postprocessors.dnc.blockwise import BlockwiseServer
+    from postprocessors.dnc.folder import OneProgram
+    from postprocessors.dnc.standard import StandardSender
+
+    title = f"sending {program.path.name}"
+    if profile.blockwise:
+        return BlockwiseServer(profile, title, OneProgram(program), once=True)
+    return StandardSender(profile, title, program.text())
+
+
+def _releasable(name: str, profile: Profile, unverified: bool, talk: Talk) -> Program:
+    """The program, if nothing speaks against sending it."""
+    from conflank_cli.errors import InputError
+    from conflank_cli.release import objection
+    from postprocessors.dnc.program import read_program
+
+    path = Path(name)
+    program = read_program(path, profile)
+    reason = objection(path)
+    if reason is not None:
+        if not unverified:
+            next_step = f"conflank verify {name} --job JOB, or --unverified if you answer for it."
+            raise InputError(name, reason, "a verification of this text without findings", next_step)
+        talk.note(f"note: {reason}; sent all the same (--unverified)")
+    if not program.plain:
+        talk.note("note: not every line ends in CR LF; the control gets them so")
+    if program.named and not program.ended:
+        talk.note("note: the last line does not end the program; the control may wait for more")
+    return program
+
+
+def _line_words(profile: Profile, program: Program | None = None) -> list[tuple[str, str]]:
+    bits = f"{profile.baud} baud, {profile.data_bits}{profile.parity[0].upper()}{profile.stop_bits:g}"
+    words = [("settings", f"{bits}, handshake {profile.handshake}, {profile.protocol} ({profile.name})")]
+    if program is not None:
+        characters = program.sent_bytes + (3 * program.lines if profile.blockwise else 0)
+        words.append(("time", f"at least {characters * profile.character_s:.0f} s"))
+    return words
+
+
+def _print_plan(what: str, program: Program, to: str, words: list[tuple[str, str]]) -> None:
+    """What a dry run says, on standard output."""
+    lines = [("program", f"{program.name}, {program.lines:,} lines, {program.size:,} bytes")]
+    lines.append(("sha256", program.sha256))
+    text = program.text()
+    lines += [("first", next(text).decode("latin-1")), *words]
+    click.echo(f"{what} {program.path} to {to or 'no port'}")
+    for name, value in lines:
+        click.echo(f"  {name:<9} {value}")
+    click.echo("nothing was sent: add --send")
+
+
+# --- receive --------------------------------------------------------------------------------------------------------
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc receive BLADE1 --port ./tnc -o COPY.H")
+@click.argument("name", metavar="NAME")
+@click.option(
+    "-o", "--output", metavar="FILE", help="Where to write it; default: NAME, with .H if it has no extension."
+)
+@click.option("--overwrite", is_flag=True, help="Replace FILE if it exists.")
+@click.option("--lsv2", "address", metavar="HOST[:PORT]", help="Over TCP instead of the serial port (extra lsv2).")
+@click.option(
+    "--folder", metavar="DIR", default="TNC:\\", show_default=True, help="Folder of the control, with --lsv2."
+)
+@wiring
+@options.common
+def receive(
+    name: str, output: str | None, overwrite: bool, address: str | None, folder: str, wiring: Wiring, talk: Talk
+) -> None:
+    """Receive a program from the control.
+
+    Start its output at the control. A program of another name is not taken. FILE appears when it is complete.
+    """
+    import re
+
+    from conflank_cli.errors import UsageError
+    from conflank_cli.output import check_output
+    from postprocessors.dnc.blockwise import NAME_PATTERN, BlockwiseServer
+    from postprocessors.dnc.folder import FileSink, OneFile
+    from postprocessors.dnc.standard import StandardReceiver
+
+    if re.fullmatch(NAME_PATTERN, name) is None:
+        raise UsageError(f"NAME {name}", "no legal name", "letters, digits, . _ -", "Name it as the control does.")
+    path = Path(output if output is not None else name if "." in name else f"{name}.H")
+    check_output(path)
+    if path.exists() and not overwrite:
+        raise UsageError(f"-o {path}", "a file that exists", "a new name", "Replace it with --overwrite.")
+    if address is not None:
+        from postprocessors.dnc.lsv2 import receive_file
+
+        size = receive_file(name, path, address, folder, lambda part, final: _give_name(part, final))
+        talk.note(f"received {name}: {size:,} bytes from {address}")
+        return
+    title = f"receiving {name}"
+    engine: Engine
+    if wiring.profile.blockwise:
+        engine = BlockwiseServer(wiring.profile, title, OneFile(name, path, overwrite), once=True)
+    else:
+        engine = StandardReceiver(wiring.profile, title, FileSink(path, overwrite, expected=name))
+    _transfer(engine, wiring, talk, "receive", None)
+
+
+def _give_name(part: Path, final: Path) -> None:
+    part.chmod(0o644)
+    part.replace(final)
+
+
+# --- serve ----------------------------------------------------------------------------------------------------------
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc serve . --profile itnc530-fe1")
+@click.argument("folder", metavar="FOLDER")
+@click.option("--send", "really", is_flag=True, help="Do it; otherwise only list what would be offered.")
+@click.option("--unverified", is_flag=True, help="Also programs without a verification that is free of findings.")
+@click.option("--read-only", is_flag=True, help="Take nothing from the control.")
+@click.option("--overwrite", is_flag=True, help="Let the control replace files.")
+@wiring
+@options.common
+def serve(
+    folder: str, really: bool, unverified: bool, read_only: bool, overwrite: bool, wiring: Wiring, talk: Talk
+) -> None:
+    """Be a file server for a control in FE1, FE2 or blockwise mode.
+
+    The control reads the directory of FOLDER, and reads and writes its files; nothing outside FOLDER exists for it.
+    Ctrl-C ends it.
+    """
+    from conflank_cli.errors import InputError, UsageError
+    from conflank_cli.release import objection
+    from postprocessors.dnc.blockwise import BlockwiseServer
+    from postprocessors.dnc.folder import Folder
+
+    path = Path(folder)
+    if not path.is_dir():
+        raise InputError(folder, "no folder", "a folder with programs", "Check its path.")
+    if not wiring.profile.blockwise:
+        found, expected = f"protocol {wiring.profile.protocol}", "fe1, fe2 or blockwise"
+        raise UsageError("--profile", found, expected, "In the standard protocol the control cannot ask for files.")
+    gate: Callable[[Path], str | None] = (lambda _: None) if unverified else objection
+    store = Folder(path, wiring.profile, gate, writable=not read_only, overwrite=overwrite)
+    if not really:
+        click.echo(f"would serve {folder} at {wiring.port or 'no port'}")
+        for name, value in _line_words(wiring.profile):
+            click.echo(f"  {name:<9} {value}")
+        for entry in store.directory():
+            reason = gate(path / entry.name)
+            click.echo(
+                f"  {entry.name:<24} {entry.size:>12,}  {'not sent: ' + reason if reason else 'sent if asked for'}"
+            )
+        click.echo("nothing is served: add --send")
+        return
+    engine = BlockwiseServer(wiring.profile, f"serving {folder}", store, once=False, report=talk.note)
+    talk.note(f"serving {folder} at {wiring.port}; Ctrl-C ends it")
+    try:
+        _transfer(engine, wiring, talk, "serve", None)
+    except KeyboardInterrupt:
+        talk.note("ended")
+
+
+# --- drip -----------------------------------------------------------------------------------------------------------
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc drip BLADE1.H --profile itnc530-blockwise --set baud=115200")
+@click.argument("program", metavar="PROGRAM")
+@click.option("--send", "really", is_flag=True, help="Do it; otherwise only say what would be sent.")
+@click.option("--unverified", is_flag=True, help="Also without a verification that is free of findings.")
+@click.option(
+    "--turnaround-ms",
+    type=click.FloatRange(0.0, 1e5),
+    default=5.0,
+    show_default=True,
+    help="What both sides need between two blocks; measure it at the control.",
+)
+@wiring
+@options.common
+def drip(program: str, really: bool, unverified: bool, turnaround_ms: float, wiring: Wiring, talk: Talk) -> None:
+    """Feed a program to the control block by block while it runs.
+
+    For programs larger than the control's memory. The line rate limits the feed: above the limit that is stated the
+    machine stands and waits, which marks the part. Programs with jumps, labels or calls are refused.
+    """
+    from msgspec.structs import replace
+
+    from conflank_cli.errors import UsageError
+    from postprocessors.dnc.program import check_drip, feed_limit
+
+    profile = wiring.profile
+    if not profile.blockwise:
+        found, expected = f"protocol {profile.protocol}", "blockwise, fe1 or fe2, where ACK paces each block"
+        raise UsageError("--profile", found, expected, "Choose such a profile, and set the control to it.")
+    checked = _releasable(program, profile, unverified, talk)
+    check_drip(checked)
+    limit = feed_limit(checked, profile, turnaround_ms / 1000.0)
+    over = f"{limit.over:,} of {limit.moves:,} moves are programmed faster than their own block allows"
+    words = [
+        ("feed", f"F {limit.sustained:.0f} mm/min at most, on the average of the program"),
+        ("", f"F {limit.least:.0f} mm/min at line {limit.least_line}, whose way is shortest for its characters"),
+        ("", over),
+    ]
+    if not really:
+        _print_plan("would feed", checked, wiring.port, _line_words(profile, checked) + words)
+        return
+    for _, text in words:
+        talk.note(text)
+    # A block is acknowledged when the machine has room for the next: that takes as long as the cut does.
+    patient = Wiring(replace(profile, silence_timeout_s=0.0), wiring.port, wiring.log, wiring.as_hex)
+    _transfer(_sender(checked, patient.profile), patient, talk, "drip", checked.sent_bytes)
+
+
+# --- ports and check ------------------------------------------------------------------------------------------------
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc ports")
+@options.as_json
+@options.common
+def ports(as_json: bool, talk: Talk) -> None:
+    """List the serial ports of this computer."""
+    import json
+
+    from serial.tools.list_ports import comports
+
+    found = sorted(comports())
+    if as_json:
+        keys = ("device", "description", "hwid", "manufacturer", "product", "serial_number")
+        click.echo(json.dumps([{key: getattr(port, key) for key in keys} for port in found], indent=2))
+        return
+    for port in found:
+        click.echo(f"{port.device:<16} {port.description}")
+    if not found:
+        talk.note("no serial ports; a USB adapter shows up when it is plugged in")
+
+
+@dnc.command(epilog="\b\nExample:\n  conflank dnc check --profile itnc530-standard --mp5020 168 --mp5030 0")
+@click.option("--mp5020", type=click.IntRange(0, 255), help="Machine parameter 5020.x, as the control shows it.")
+@click.option("--mp5030", type=click.IntRange(0, 1), help="Machine parameter 5030.x.")
+@click.option("--open", "try_port", is_flag=True, help="Open the port and read its settings and lines back.")
+@click.option("--loop-back", is_flag=True, help="Send every character and expect it back: needs a loop-back plug.")
+@wiring
+@options.common
+def check(mp5020: int | None, mp5030: int | None, try_port: bool, loop_back: bool, wiring: Wiring, talk: Talk) -> int:
+    """Compare a profile with the control's machine parameters and with the port.
+
+    Exit code 1 means that they differ.
+    """
+    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
+    from postprocessors.dnc.profile import explain_mp5020
+
+    profile = wiring.profile
+    differences = 0
+    click.echo(f"{profile.name}: MP5020 = {profile.mp5020}, MP5030 = {profile.mp5030}")
+    for name, value in _line_words(profile):
+        click.echo(f"  {name:<14} {value}")
+    if mp5020 is not None:
+        own = explain_mp5020(profile.mp5020)
+        for key, value in explain_mp5020(mp5020).items():
+            same = value == own[key]
+            differences += not same
+            click.echo(f"  {key:<14} control {value}, profile {own[key]}{'' if same else '  <- differs'}")
+    if mp5030 is not None:
+        same = mp5030 == profile.mp5030
+        differences += not same
+        click.echo(f"  {'protocol':<14} MP5030 {mp5030}, profile {profile.mp5030}{'' if same else '  <- differs'}")
+    if try_port or loop_back:
+        differences += _check_port(wiring, loop_back)
+    return EXIT_FINDINGS if differences else EXIT_DONE
+
+
+def _check_port(wiring: Wiring, loop_back: bool) -> int:
+    """Open the port, say what it has become, and how many things are not as they should be."""
+    from postprocessors.dnc.loop import port_state, try_loop
+
+    differences = 0
+    for name, value, good in port_state(wiring.profile, wiring.port):
+        differences += not good
+        click.echo(f"  {name:<14} {value}{'' if good else '  <- differs'}")
+    if loop_back:
+        for name, value, good in try_loop(wiring.profile, wiring.port):
+            differences += not good
+            click.echo(f"  {name:<14} {value}{'' if good else '  <- differs'}")
+    return differences
+
+
+# --- how a transfer runs --------------------------------------------------------------------------------------------
+
+
+def _transfer(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int | None) -> None:
+    """Run an engine at the port, with a bar, a log and a summary."""
+    from postprocessors.dnc.port import open_port
+    from postprocessors.dnc.session import Session, TransferLog
+
+    profile = wiring.profile
+    try:
+        port = open_port(profile, wiring.port)
+    except BaseException:
+        # An engine that receives has its hidden file open already.
+        engine.abort("no port", 0.0)
+        raise
+    try:
+        with _log_file(wiring.log) as stream, _terminated(), _bar(talk, what, total) as watch:
+            if what != "serve":
+                talk.note(f"{wiring.port} is open: start the transfer at the control")
+            log = TransferLog(stream, wiring.as_hex) if stream is not None else None
+            started: list[float] = []
+
+            def on_counts(counts: Counts) -> None:
+                if engine.started and not started:
+                    started.append(time.monotonic())
+                watch(counts)
+
+            try:
+                Session(engine, port, log, on_counts).run()
+            except KeyboardInterrupt:
+                if what != "serve" and engine.failure is not None:
+                    talk.note(f"stopped: {engine.failure.where}")
+                raise
+    finally:
+        port.close()
+    seconds = time.monotonic() - started[0] if started else 0.0
+    counts = engine.counts
+    rate = f", {counts.bytes / seconds:,.0f} bytes/s" if seconds > 0.1 else ""
+    repeats = f", {counts.repeats} repeated" if counts.repeats else ""
+    talk.note(f"done: {counts.blocks:,} blocks, {counts.bytes:,} bytes in {seconds:.1f} s{rate}{repeats}")
+
+
+@contextmanager
+def _log_file(name: str | None) -> Iterator[Any]:
+    if name is None:
+        yield None
+        return
+    from conflank_cli.errors import UsageError
+
+    try:
+        stream = Path(name).open("w", encoding="utf-8")  # noqa: SIM115  (closed below)
+    except OSError as error:
+        raise UsageError(f"--log {name}", f"{error.strerror}", "a file that can be written", "Name another.") from None
+    with stream:
+        yield stream
+
+
+@contextmanager
+def _terminated() -> Iterator[None]:
+    """Let SIGTERM end a transfer as Ctrl-C does, with nothing half done."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:
+        # Not the main thread: whoever started it there has signals of its own.
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _bar(talk: Talk, what: str, total: int | None) -> Iterator[Callable[[Counts], None]]:
+    """A bar with bytes, blocks, rate and time left, on a terminal."""
+    if talk.quiet or not sys.stderr.isatty():
+        yield lambda counts: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TextColumn("{task.fields[blocks]} blocks"),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        task = bars.add_task(what, total=total, blocks=0)
+        yield lambda counts: bars.update(task, completed=counts.bytes, blocks=counts.blocks)
+
+
+dnc.add_command(simulate)
