@@ -25,7 +25,7 @@ def area(covers: np.ndarray, areas: np.ndarray, chosen: list[int]) -> float:
     return float(areas[covers[chosen].any(axis=0)].sum()) if chosen else 0.0
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.sampled_from([0.5, 0.8, 0.95, 1.0]))
 def test_cover_against_all_choices(seed: int, count: int, target: float) -> None:
     """What can be reached is reached, with no set to spare, and with no more sets than the bound of Wolsey allows."""

@@ -60,7 +60,7 @@ def distance_at(tool: Tool, z: float, r: float, turn: float = 0.4) -> float:
 
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(z=st.floats(-8.0, 42.0), r=st.floats(0.0, 12.0))
 def test_distance_to_the_cutter_is_the_distance_to_its_outline(tool: Tool, z: float, r: float) -> None:
     """Samples are 6 µm apart: at 1 mm they are 5 nm too far, in contact 3 µm."""

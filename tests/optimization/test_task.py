@@ -1,0 +1,97 @@
+"""What one sweep goes through, and the stage as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from conflank_cli.errors import NumericalError
+from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.motion import Motion
+from conflank_cli.optimization import axis_error_facts, optimize
+from conflank_cli.optimization.gauss_newton import AxisErrorField, Limits, Weights
+from conflank_cli.optimization.task import Task
+from conflank_cli.progress import SilentProgress
+from conflank_cli.sweep import Sweep
+from conflank_cli.tool import CATALOGUE
+from tests.faces import design, envelope, envelope_scene, known
+
+LIMITS = Limits(0.010, 0.010)
+CASE = envelope(CATALOGUE["T3"])
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    face = WorkFace.of(design(CASE.surface, CASE.sense), 0.7 * CASE.tool.length)
+    samples = face.samples(face.spacing(800))
+    screen = Screen.of(envelope_scene(CASE), 1.0)
+    return Task(face, CASE.tool, samples, screen, LIMITS, Weights(), (60, 16), True, True)
+
+
+def test_a_short_start_grows_over_the_whole_face(task: Task) -> None:
+    """Half of the exact motion, 0.1 mm off: optimised it covers its half, grown nearly everything."""
+    half = known(CASE).restricted(0.25, 0.75).respaced(8)
+    first = task.first(Motion(half.knots, half.p + 0.1, half.q + 0.1))
+    assert not first.failed
+    areas = task.samples.areas
+    before = areas[task.covered(task.gaps(first.motion))].sum() / areas.sum()
+    assert 0.3 < before < 0.75
+    grown = task.refined(first)
+    after = areas[task.covered(task.gaps(grown.motion))].sum() / areas.sum()
+    assert after > before + 0.2  # four rounds of 4 mm at either end
+    again = replace(task, grow=False).refined(first)
+    still = areas[task.covered(task.gaps(again.motion))].sum() / areas.sum()
+    assert still == pytest.approx(before, abs=0.05)
+
+
+def test_overcut_anywhere_covers_nothing(task: Task) -> None:
+    gaps = np.zeros(len(task.samples.areas))
+    assert task.covered(gaps).all()
+    gaps[3] = 0.011
+    assert task.covered(gaps).sum() == len(gaps) - 1
+    gaps[5] = -0.011
+    assert not task.covered(gaps).any()
+
+
+def test_a_motion_that_collides_from_end_to_end_has_no_gaps(task: Task) -> None:
+    motion = known(CASE)
+    frame = task.face.projector.evaluate([0.5], [0.5])[0]
+    normal = CASE.sense * np.cross(frame[1], frame[2])
+    into = -2.0 * normal / np.linalg.norm(normal)
+    assert np.all(np.isinf(task.gaps(Motion(motion.knots, motion.p + into, motion.q + into))))
+
+
+def test_facts_of_an_error_field() -> None:
+    error = np.array([[-0.002, 0.004, 0.5], [-0.03, 0.006, 0.001]])
+    on = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]])
+    facts = axis_error_facts(AxisErrorField(error, on, error, error), LIMITS)
+    assert facts == {
+        "axis_error_engaged": pytest.approx(0.6),
+        "axis_error_min_um": pytest.approx(-30.0),
+        "axis_error_max_um": pytest.approx(500.0),
+        "axis_error_mean_um": pytest.approx(4.0),
+    }
+    assert axis_error_facts(AxisErrorField(error, 0.0 * on, error, error), LIMITS) == {}
+
+
+def test_sweeps_that_are_lost_are_left_out_and_facts_stay() -> None:
+    scene = envelope_scene(CASE)
+    job = msgspec.structs.replace(
+        scene.job, optimization=msgspec.structs.replace(scene.job.optimization, grow=False, samples=(40, 12))
+    )
+    scene = replace(scene, job=job)
+    motion = known(CASE, 12)
+    lost = Motion(motion.knots, motion.p + 500.0, motion.q + 500.0)
+    sweeps = [Sweep(0, "T3", lost, {}), Sweep(0, "T3", motion, {"lines": 31.0})]
+    (found,) = optimize(scene, sweeps, SilentProgress())
+    assert found.facts["lines"] == 31.0
+    assert found.facts["axis_error_mean_um"] < 0.2
+    assert found.facts["axis_error_engaged"] > 0.95
+    with pytest.raises(NumericalError, match="left the face"):
+        optimize(scene, sweeps[:1], SilentProgress())
+    with pytest.raises(NumericalError, match="no candidates"):
+        optimize(scene, [], SilentProgress())
