@@ -23,6 +23,7 @@ class SeedLines:
     d: unit directions tip to spindle, shape (N, 3).
     uv: parameters of the contact points, shape (N, 2).
     height: height on the axis of the sphere that touches there, shape (N,), mm.
+    sample: index of the contact point each came from, shape (N,).
     curvature: |second derivative of the distance along the axis| that is left, shape (N,), 1/mm; 0 where the offset
         surface is saddle shaped.
     """
@@ -31,6 +32,7 @@ class SeedLines:
     d: Array
     uv: Array
     height: Array
+    sample: npt.NDArray[np.int64]
     curvature: Array
 
 
@@ -77,7 +79,7 @@ def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance:
 
     sine = np.sin(tool.half_angle)
     cosine = np.cos(tool.half_angle)
-    parts: list[tuple[Array, Array, Array, Array, Array]] = []
+    parts: list[tuple[Array, Array, Array, npt.NDArray[np.int64], Array]] = []
     for height in heights:
         radius = float(tool.sphere_radius(height)) + allowance
         room = 1.0 - radius * curvature
@@ -96,5 +98,6 @@ def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance:
             for orientation in (1.0, -1.0):
                 d = sine * normal + cosine * orientation * along
                 p = frame[:, 0] + radius * normal - height * d
-                parts.append((p[use], d[use], uv[use], np.full(int(use.sum()), height), left[use]))
-    return SeedLines(*(np.ascontiguousarray(np.concatenate([part[k] for part in parts])) for k in range(5)))
+                parts.append((p[use], d[use], np.full(int(use.sum()), height), np.flatnonzero(use), left[use]))
+    p, d, height, sample, left = (np.concatenate([part[k] for part in parts]) for k in range(5))
+    return SeedLines(p, d, uv[sample], height, sample, left)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,8 +66,12 @@ class Task:
         area = self._covered_area(best.motion)
         for _ in range(ROUNDS):
             before = area
-            for move in self._moves(best):
-                trial = self._settled(move)
+            # Each move starts from what those before it have gained.
+            for move in (self._slid, self._continued_at_start, self._continued_at_end):
+                moved = move(best)
+                if moved is None:
+                    continue
+                trial = self._settled(moved)
                 if not trial.failed and (grown := self._covered_area(trial.motion)) > WORTH * area:
                     best, area = trial, grown
             if area == before:
@@ -89,14 +92,18 @@ class Task:
     def _covered_area(self, motion: Motion) -> float:
         return float(self.samples.areas[self.covered(self.gaps(motion))].sum())
 
-    def _moves(self, solution: Solution) -> Iterator[Motion]:
+    def _slid(self, solution: Solution) -> Motion | None:
         motion = solution.motion
         slides = best_slide(motion, self.tool, self.samples, self.limits)
-        if slides.any():
-            yield slid(motion, self.tool, slides, self._away(motion))
-        for at_end in (False, True):
-            if np.mean(solution.field.on[-1 if at_end else 0] > 0.5) > STILL_ON_FACE:
-                yield lengthened(motion, LENGTHEN, at_end)
+        return slid(motion, self.tool, slides, self._away(motion)) if slides.any() else None
+
+    def _continued_at_start(self, solution: Solution) -> Motion | None:
+        there = np.mean(solution.field.on[0] > 0.5) > STILL_ON_FACE
+        return lengthened(solution.motion, LENGTHEN, False) if there else None
+
+    def _continued_at_end(self, solution: Solution) -> Motion | None:
+        there = np.mean(solution.field.on[-1] > 0.5) > STILL_ON_FACE
+        return lengthened(solution.motion, LENGTHEN, True) if there else None
 
     def _away(self, motion: Motion) -> Array:
         """Surface normals towards the cutter at the middle of the flute, one for every control point."""

@@ -33,16 +33,17 @@ def task() -> Task:
 
 
 def test_a_short_start_grows_over_the_whole_face(task: Task) -> None:
-    """Half of the exact motion, 0.1 mm off: optimised it covers its half, grown nearly everything."""
-    half = known(CASE).restricted(0.25, 0.75).respaced(8)
-    first = task.first(Motion(half.knots, half.p + 0.1, half.q + 0.1))
+    """A third of the exact motion, 0.1 mm off: optimised it covers its third, grown nearly everything."""
+    part = known(CASE).restricted(0.3, 0.6).respaced(8)
+    first = task.first(Motion(part.knots, part.p + 0.1, part.q + 0.1))
     assert not first.failed
     areas = task.samples.areas
     before = areas[task.covered(task.gaps(first.motion))].sum() / areas.sum()
-    assert 0.3 < before < 0.75
+    assert 0.25 < before < 0.5
     grown = task.refined(first)
     after = areas[task.covered(task.gaps(grown.motion))].sum() / areas.sum()
-    assert after > before + 0.2  # four rounds of 4 mm at either end
+    # 4 mm at either end in each round: 32 mm in four rounds, which is all of it.
+    assert after > 0.97
     again = replace(task, grow=False).refined(first)
     still = areas[task.covered(task.gaps(again.motion))].sum() / areas.sum()
     assert still == pytest.approx(before, abs=0.05)
