@@ -54,7 +54,7 @@ def reachability(
 
     A line touches the face at a point with one of its spheres, within its error. Its axis error is the least e such
     that no sphere whose foot is on the face overcuts by more than e, and a run of spheres that holds the touching one
-    and is a third of the flute long stays within e. It bounds what selection can reach with patches that are not
+    and is that share of the flute long stays within e. It bounds what selection can reach with patches that are not
     narrower than that. Collision and the machine's reach are not looked at.
     """
     heights = sphere_heights(tool)
@@ -64,11 +64,12 @@ def reachability(
     order = np.argsort(seeds.sample, kind="stable")
     starts = np.searchsorted(seeds.sample[order], np.arange(len(samples.uv) + 1)).astype(np.int64)
     contacts = np.searchsorted(heights, seeds.height[order] - 1e-9).astype(np.int64)
+    least = max(round(engaged * len(heights)), 1)
     count = len(samples.uv)
     error, lines, height = np.empty(count), np.full((count, 6), np.nan), np.full(count, np.nan)
     footpoints = np.zeros(count, dtype=np.int64)
     reach_errors(
         *face.projector.spans, face.sense, face.raster, samples.points, samples.normals, samples.uv, starts,
-        seeds.d[order], contacts, heights, radii, max(round(engaged * len(heights)), 1), error, lines, height, footpoints,
+        seeds.d[order], contacts, heights, radii, least, error, lines, height, footpoints,
     )  # fmt: skip
     return Reachability(samples, error, lines[:, :3].copy(), lines[:, 3:].copy(), height, int(footpoints.sum()))
