@@ -13,7 +13,8 @@ from conflank_cli.cover import shortlist
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
-from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField, Limits, Solution, Weights
+from conflank_cli.limits import Limits
+from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField, Solution, Weights
 from conflank_cli.optimization.task import Task
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
@@ -44,7 +45,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
     job = scene.job
     keys = job.optimization
     weights = Weights(keys.mu1, keys.mu2, keys.mu3, keys.mu4, keys.mu5)
-    limits = Limits(job.tolerance.overcut, job.tolerance.undercut, job.tolerance.allowance)
+    limits = Limits.of(job.tolerance)
     tools = {tool.name: tool for tool in scene.tools}
     screen = Screen.of(scene, SCREEN_SPACING)
     tasks: dict[tuple[int, str], Task] = {}

@@ -13,6 +13,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from conflank_cli.geometry.kernels.motion_error import add_rows, motion_errors
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion
 from conflank_cli.tool import Tool
 
@@ -29,18 +30,6 @@ class Weights:
     mu3: float = 0.001
     mu4: float = 0.1
     mu5: float = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the optimisation aims at, mm.
-
-    over, under: tolerance for overcut and stock left. allowance: stock to leave.
-    """
-
-    over: float
-    under: float
-    allowance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
+from conflank_cli.geometry.growth import best_slide, greville, lengthened, slid
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.gauss_newton import Limits, Solution, Step, Weights, minimise
-from conflank_cli.optimization.growth import best_slide, greville, lengthened, slid
+from conflank_cli.optimization.gauss_newton import Solution, Step, Weights, minimise
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]

@@ -11,9 +11,10 @@ import pytest
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization import axis_error_facts, optimize
-from conflank_cli.optimization.gauss_newton import AxisErrorField, Limits, Weights
+from conflank_cli.optimization.gauss_newton import AxisErrorField, Weights
 from conflank_cli.optimization.task import Task
 from conflank_cli.progress import SilentProgress
 from conflank_cli.sweep import Sweep

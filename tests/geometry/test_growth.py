@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from conflank_cli.geometry.gap import motion_gap, travel
+from conflank_cli.geometry.growth import FURTHEST, INSET, NODES, STEP, best_slide, greville, lengthened, slid
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
-from conflank_cli.optimization.gauss_newton import Limits
-from conflank_cli.optimization.growth import FURTHEST, INSET, NODES, STEP, best_slide, greville, lengthened, slid
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.detection.test_tracing import touching
 from tests.faces import round_face, work

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import FaceSamples
+from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion, fitted
-from conflank_cli.optimization.gauss_newton import Limits
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
