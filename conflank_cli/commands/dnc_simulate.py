@@ -29,6 +29,9 @@ ACTIONS = ("load=NAME", "save=NAME", "load-all", "save-all", "directory", "fe1-d
     "--fault", "faults", metavar="KEY=VALUE", multiple=True, help="Something that goes wrong: see docs/dnc.md."
 )
 @click.option("--wait", metavar="SECONDS", default=0.0, help="How long to wait for a program at the port; 0: for ever.")
+@click.option(
+    "--linger", metavar="SECONDS", default=30.0, show_default=True, help="How long to leave the port at the end."
+)
 @options.common
 def simulate(
     actions: tuple[str, ...],
@@ -38,6 +41,7 @@ def simulate(
     memory: str,
     faults: tuple[str, ...],
     wait: float,
+    linger: float,
     talk: Talk,
 ) -> int:
     """Simulate a control at a pseudo-terminal.
@@ -74,6 +78,8 @@ def simulate(
             good &= control.succeeded
             if control.vanished:
                 break
+        else:
+            terminal.wait_for_end(linger)
     finally:
         terminal.close()
     return EXIT_DONE if good else EXIT_DEVICE

@@ -210,7 +210,8 @@ class BlockwiseServer(Engine):
 
     def _eot(self, now: float) -> None:
         if self._state is State.END_CONFIRMED and not self._waiting:
-            self._report(f"{self._name}: sent, {self.counts.blocks} blocks")
+            what = f"{self._name}: sent, {self.counts.blocks} blocks" if self._pending is None else "reading all: done"
+            self._report(what)
             self._done(now)
         else:
             found = "the control ended the transfer (EOT)"

@@ -209,6 +209,9 @@ def feed_limit(program: Program, profile: Profile, turnaround_s: float = 0.0) ->
         for relative, axis, value in words:
             at[axis] = float(value.replace(b",", b".")) + (at.get(axis, 0.0) if relative else 0.0)
         way = dist([before.get(axis, value) for axis, value in at.items()], list(at.values()))
+        if not before:
+            # Where the first move starts is not known, nor how long it takes.
+            waiting = 0.0
         if way < STANDING_MM:
             continue
         if b"FMAX" not in code:

@@ -18,7 +18,7 @@ from postprocessors.errors import DeviceError
 
 BANK_S = 0.25
 """How late this process may be scheduled and still catch up with the line."""
-OPERATOR_S = 0.2
+OPERATOR_S = 0.1
 """Between the opening of the port and the operator's key: whoever opens a port throws away what is in it."""
 POLL_S = 0.01
 GONE_S = 0.5
@@ -58,6 +58,13 @@ class PseudoTerminal:
             time.sleep(POLL_S)
         time.sleep(OPERATOR_S)
         return True
+
+    def wait_for_end(self, seconds: float) -> None:
+        """Leave the port until nobody has it open any more: what is still in it would be lost."""
+        until = time.monotonic() + seconds
+        while not self._left() and time.monotonic() < until:
+            time.sleep(POLL_S)
+            self._read(4096)
 
     def _left(self) -> bool:
         return any(event & select.POLLHUP for _, event in self._poll.poll(0))

@@ -73,10 +73,7 @@ def receive(
 ) -> Result:
     """From the control to here."""
     store, sink = MemoryStore(), MemorySink()
-    if own.blockwise:
-        engine = BlockwiseServer(own, "P", store, once=True)
-    else:
-        engine = StandardReceiver(own, "P", sink)
+    engine = BlockwiseServer(own, "P", store, once=True) if own.blockwise else StandardReceiver(own, "P", sink)
     control = control_for(own, {"P.H": text_of(lines)}, faults)
     line = Line(engine, control, exact=exact)
     if damage is not None:
