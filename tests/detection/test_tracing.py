@@ -17,6 +17,7 @@ from conflank_cli.geometry.kernels.cells import mark_cells
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.detection.test_line_field import distance_to, helicoid
 from tests.faces import design, interpolated, round_face, work
@@ -168,9 +169,9 @@ def test_tracing_covers_a_face_that_the_tool_cuts_exactly(exact: tuple[Tool, flo
     surface = round_face(RADIUS, taper, 0.9 * flute * cos(taper))
     face = work(surface, 1, 8.0)
     p, d = touching(tool, taper, 0.05, -0.03 * tool.length)
-    seeds = SeedLines(p[None], d[None], np.array([[0.05, 8.0]]), np.array([10.0]), np.zeros(1))
+    seeds = SeedLines(p[None], d[None], np.array([[0.05, 8.0]]), np.array([10.0]), np.zeros(1, np.int64), np.zeros(1))
     screen = Screen.of(scene_of(design(surface, 1), tools=(tool,)))
-    traced = trace(face, tool, seeds, face.samples(0.3), screen, 0.01, 0.01, 0.0)
+    traced = trace(face, tool, seeds, face.samples(0.3), screen, Limits(0.01, 0.01))
     (sequence,) = traced.sequences
     assert np.abs(sequence.error[sequence.on > 0.5]).max() < (0.020 if taper else 1e-5)
     assert traced.cell_areas.sum() == pytest.approx(face.samples(0.3).areas.sum(), rel=1e-9)
@@ -190,7 +191,7 @@ def test_allowance_keeps_the_sequence_that_far_off() -> None:
     face = work(round_face(RADIUS, 0.0, 20.0), 1, 8.0)
     seeds = seed_lines(face, CYLINDER, np.array([[0.0, 10.0]]), np.array([10.0]), 0.4)
     screen = Screen.of(scene_of(face.face, tools=(CYLINDER,)))
-    traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, 0.01, 0.01, 0.4)
+    traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, Limits(0.01, 0.01, 0.4))
     assert traced.sequences
     for sequence in traced.sequences:
         radial = np.hypot(*(sequence.p + 10.0 * sequence.d)[:, :2].T)
@@ -203,9 +204,9 @@ def test_no_line_fits_a_bore_narrower_than_the_tool() -> None:
     face = work(surface, -1, 8.0)
     assert len(seed_lines(face, CYLINDER, np.array([[0.0, 10.0]]), np.array([10.0])).p) == 0
     p, d, uv = np.array([[-0.1, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 10.0]])
-    seeds = SeedLines(p, d, uv, np.array([10.0]), np.zeros(1))
+    seeds = SeedLines(p, d, uv, np.array([10.0]), np.zeros(1, np.int64), np.zeros(1))
     screen = Screen.of(scene_of(design(surface, -1), tools=(CYLINDER,)))
-    assert trace(face, CYLINDER, seeds, face.samples(0.5), screen, 0.01, 0.01, 0.0).sequences == ()
+    assert trace(face, CYLINDER, seeds, face.samples(0.5), screen, Limits(0.01, 0.01)).sequences == ()
 
 
 def test_cells_between_lines_are_marked_by_interpolated_error() -> None:
