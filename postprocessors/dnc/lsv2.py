@@ -88,7 +88,7 @@ def send_file(
             raise DeviceError(where, "a file that exists", "a new name", "Replace it with --overwrite.")
         if control.file_info(temporary) is not None:
             control.delete_file(temporary)
-        # The library finds the folder by stripping characters off the end, so the name is given by a folder instead.
+        # The library takes the name from the local file when the remote one ends in a backslash.
         with tempfile.TemporaryDirectory() as copies:
             copy = Path(copies) / TEMPORARY
             copy.write_bytes(path.read_bytes())
@@ -99,7 +99,7 @@ def send_file(
             raise DeviceError(where, found, "the whole file", "See the control's message, and send it again.")
         if exists and not control.delete_file(name):
             raise DeviceError(where, "a file that cannot be replaced", "one that can", "Is it selected at the control?")
-        if not control.move_file(temporary, name):
+        if not control.move_file(TEMPORARY, name):
             raise DeviceError(where, f"{TEMPORARY} could not be renamed", "its name", "Rename it at the control.")
     return size
 
