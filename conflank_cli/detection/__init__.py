@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import seed_lines
-from conflank_cli.detection.ruled_fit import fit_motion
+from conflank_cli.detection.spreading import spread
 from conflank_cli.detection.tracing import sphere_heights, trace
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
+from conflank_cli.motion import Motion
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
+from conflank_cli.tool import Tool
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,10 @@ SCREEN_SPACING = 1.2
 AREA_SAMPLES = 40000
 
 
+# Points of the face on which a sequence is spread over it, about.
+SPREAD_SAMPLES = 1500
+
+
 def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     """Find candidate sweeps for every face and tool of the scene.
 
@@ -56,30 +65,15 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     NumericalError: not a single line fits on any face with any tool.
     """
     density = DENSITIES[scene.job.detection.density]
-    tolerance = scene.job.tolerance
+    limits = Limits.of(scene.job.tolerance)
     screen = Screen.of(scene, SCREEN_SPACING)
     sweeps: list[Sweep] = []
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):
             for tool in scene.tools:
                 face = WorkFace.of(design, MARGIN * tool.length)
-                dense = face.samples(face.spacing(AREA_SAMPLES))
-                area = float(dense.areas.sum())
-                contacts = face.samples(face.spacing(density.contacts)).uv
-                heights = sphere_heights(tool)
-                places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
-                seeds = seed_lines(face, tool, contacts, places, tolerance.allowance)
-                traced = trace(
-                    face, tool, seeds, dense, screen, tolerance.overcut, tolerance.undercut, tolerance.allowance
-                )
-                for family in represent(traced, density.alike, SMALLEST * area)[: density.families]:
-                    sequence = traced.sequences[family]
-                    facts = {
-                        "lines": float(len(sequence.p)),
-                        "area_mm2": float(traced.cell_areas[traced.cells[family]].sum()),
-                        "axis_error_mean_um": 1e3 * float(np.abs(sequence.error[sequence.on > 0.5]).mean()),
-                    }
-                    sweeps.append(Sweep(index, tool.name, fit_motion(sequence.p, sequence.d, tool.length), facts))
+                found = _families(face, tool, density, screen, limits)
+                sweeps.extend(Sweep(index, tool.name, motion, facts) for motion, facts in found)
                 stage.advance()
     if not sweeps:
         raise NumericalError(
@@ -89,3 +83,29 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
             "Use a smaller tool, a wider tolerance, or check the side the cutter works on.",
         )
     return sweeps
+
+
+def _families(
+    face: WorkFace, tool: Tool, density: Density, screen: Screen, limits: Limits
+) -> list[tuple[Motion, dict[str, float]]]:
+    """One motion, and what was measured of its sequence, for each family of sweeps of one tool on one face."""
+    dense = face.samples(face.spacing(AREA_SAMPLES))
+    contacts = face.samples(face.spacing(density.contacts)).uv
+    heights = sphere_heights(tool)
+    places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
+    seeds = seed_lines(face, tool, contacts, places, limits.allowance)
+    traced = trace(face, tool, seeds, dense, screen, limits)
+    families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()))[: density.families]
+    samples = face.samples(face.spacing(SPREAD_SAMPLES))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        motions = list(pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), families))
+    found = []
+    for family, motion in zip(families, motions, strict=True):
+        sequence = traced.sequences[family]
+        facts = {
+            "lines": float(len(sequence.p)),
+            "area_mm2": float(traced.cell_areas[traced.cells[family]].sum()),
+            "axis_error_mean_um": 1e3 * float(np.abs(sequence.error[sequence.on > 0.5]).mean()),
+        }
+        found.append((motion, facts))
+    return found

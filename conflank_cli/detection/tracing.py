@@ -12,6 +12,7 @@ from conflank_cli.geometry.kernels.axis import trace_all
 from conflank_cli.geometry.kernels.cells import mark_cells
 from conflank_cli.geometry.screening import Screen, longest_run
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -67,9 +68,7 @@ def trace(
     seeds: SeedLines,
     samples: FaceSamples,
     screen: Screen,
-    over: float,
-    under: float,
-    allowance: float,
+    limits: Limits,
 ) -> Traced:
     """Follow every seed. Seeds that no line within tolerance comes of leave no sequence.
 
@@ -77,11 +76,12 @@ def trace(
     ----------
     screen: what the tool must not hit; a sequence keeps its longest free stretch.
     samples: points of the face, dense against the cells; they give the cells their areas.
-    over, under: tolerances, mm. allowance: stock to leave, mm.
+    limits: tolerances and allowance.
     """
     spans = face.projector.spans
     heights = sphere_heights(tool)
-    radii = tool.sphere_radius(heights) + allowance
+    over, under = limits.over, limits.under
+    radii = tool.sphere_radius(heights) + limits.allowance
     cell_areas = _cell_areas(face, samples)
     used = cell_areas > 0.0
     sequences: list[Sequence] = []

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap
-from conflank_cli.geometry.workface import FaceSamples
+from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion, fitted
 from conflank_cli.tool import Tool
@@ -90,6 +90,12 @@ def slid(motion: Motion, tool: Tool, slides: Array, away: Array) -> Motion:
     across /= np.linalg.norm(across, axis=1)[:, None]
     shift = distance * (d - tan(tool.half_angle) * across)
     return Motion(motion.knots, motion.p + shift, motion.q + shift)
+
+
+def away_from(face: WorkFace, motion: Motion) -> Array:
+    """Surface normals towards the cutter at the middle of the flute, one for every control point, (n, 3)."""
+    p, q = motion.ends(greville(motion))
+    return face.sense * face.projector.project(0.5 * (p + q)).normal
 
 
 def greville(motion: Motion) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import best_slide, greville, lengthened, slid
+from conflank_cli.geometry.growth import away_from, best_slide, lengthened, slid
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -96,7 +96,7 @@ class Task:
     def _slid(self, solution: Solution) -> Motion | None:
         motion = solution.motion
         slides = best_slide(motion, self.tool, self.samples, self.limits)
-        return slid(motion, self.tool, slides, self._away(motion)) if slides.any() else None
+        return slid(motion, self.tool, slides, away_from(self.face, motion)) if slides.any() else None
 
     def _continued_at_start(self, solution: Solution) -> Motion | None:
         there = np.mean(solution.field.on[0] > 0.5) > STILL_ON_FACE
@@ -105,11 +105,6 @@ class Task:
     def _continued_at_end(self, solution: Solution) -> Motion | None:
         there = np.mean(solution.field.on[-1] > 0.5) > STILL_ON_FACE
         return lengthened(solution.motion, LENGTHEN, True) if there else None
-
-    def _away(self, motion: Motion) -> Array:
-        """Surface normals towards the cutter at the middle of the flute, one for every control point."""
-        p, q = motion.ends(greville(motion))
-        return self.face.sense * self.face.projector.project(0.5 * (p + q)).normal
 
     def _settled(self, motion: Motion) -> Solution:
         weights = replace(self.weights, mu3=self.weights.mu3 * SETTLE_PROXIMITY)

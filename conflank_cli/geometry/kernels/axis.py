@@ -170,6 +170,59 @@ def refine_line(
     return True
 
 
+@njit(cache=True, nogil=True)
+def refine_sequence(
+    breaks_u,
+    breaks_v,
+    coefficients,
+    box,
+    sense,
+    raster,
+    p,
+    d,
+    heights,
+    radii,
+    start,
+    u0,
+    v0,
+    scale,
+    iterations,
+    damping,
+):
+    """`refine_line` for lines p, d (K, 3) in order, in place; the feet of sphere `start` start from u0, v0 (K,)."""
+    count = heights.shape[0]
+    u = np.empty(count)
+    v = np.empty(count)
+    error = np.empty(count)
+    on = np.empty(count)
+    normal = np.empty((count, 3))
+    for k in range(p.shape[0]):
+        u[start] = u0[k]
+        v[start] = v0[k]
+        refine_line(
+            breaks_u,
+            breaks_v,
+            coefficients,
+            box,
+            sense,
+            raster,
+            p[k],
+            d[k],
+            heights,
+            radii,
+            start,
+            u,
+            v,
+            error,
+            normal,
+            on,
+            scale,
+            scale,
+            iterations,
+            damping,
+        )
+
+
 @njit(cache=True)
 def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
     """Velocity of the axis that changes the axis error least: paper Eq. 5-6 as a generalised eigenproblem.
