@@ -26,6 +26,7 @@ test-all: setup
 
 bench: setup
 	$(BIN)/python -m benchmarks.run
+	$(BIN)/python -m benchmarks.dnc
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
 # tour's commands print, among them the main job, then pictures and tables. Review the changes and commit them.

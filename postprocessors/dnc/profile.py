@@ -12,10 +12,14 @@ from postprocessors.errors import PostError
 
 MOST_RETRIES = 15
 """After as many NAKs the control itself gives up."""
-REACTION_S = 0.002
-"""How far ahead of the line characters are handed to the port: the time in which a program is sure to be scheduled."""
 LEAST_IN_FLIGHT = 8
 """The control stops a sender 12 characters before its buffer is full; three or four pass while its DC3 comes back."""
+REACTION_S = 0.002
+"""In which a program answers a DC3 at best. A line that carries more than 8 characters meanwhile (above 38,400 baud)
+can only be stopped in time by the driver or the adapter, whatever is handed to the port."""
+AHEAD_S = 0.02
+"""How far ahead of such a line characters are handed to the port: long enough that it does not run dry while the system
+has something else to do."""
 
 BITS = {"data_8": 0, "bcc_no_control": 1, "stop_by_rts": 2, "stop_by_dc3": 3, "odd": 4, "parity": 5}
 """Bits of MP5020; 6 and 7 are the stop bits."""
@@ -41,7 +45,8 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     silence_timeout_s: how long silence within a transfer is taken for flow control; 0 for ever.
     reply_timeout_s: how long to wait for what is no flow control: EOT after ETX, the rest of a block that has begun.
     settle_s: a block without DC1 is taken as complete when so long nothing follows its BCC.
-    in_flight: most characters handed to the port and not yet on the line; 0: 8, or 2 ms of the line if that is more.
+    in_flight: most characters handed to the port and not yet on the line; 0: 8 up to 38,400
+        baud; above, where only the driver can stop in time, 20 ms of the line.
     leading_nulls: NULs before the first line (standard protocol).
     abort_digit: digit of ESC 1 <digit>, sent when a standard transfer is broken off; -1: send nothing.
     soh ... etb: control characters (MP5010 or MP5200 and following).
@@ -120,7 +125,9 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     @property
     def window(self) -> int:
         """Most characters in flight."""
-        return self.in_flight or max(LEAST_IN_FLIGHT, int(REACTION_S / self.character_s))
+        if self.in_flight or REACTION_S / self.character_s <= LEAST_IN_FLIGHT:
+            return self.in_flight or LEAST_IN_FLIGHT
+        return int(AHEAD_S / self.character_s)
 
     @property
     def mp5020(self) -> int:

@@ -21,6 +21,8 @@ BANK_S = 0.25
 OPERATOR_S = 0.1
 """Between the opening of the port and the operator's key: whoever opens a port throws away what is in it."""
 POLL_S = 0.01
+LEAST_S = 0.0001
+"""Shortest rest: about what a switch of processes takes."""
 GONE_S = 0.5
 """How long after the other side has closed the port an operation may still end by itself."""
 
@@ -108,7 +110,8 @@ class PseudoTerminal:
             return
         wake = control.next_time(now)
         seconds = POLL_S if wake is None else min(max(wake - now, 0.0), POLL_S)
-        self._poll.poll(max(seconds * 1000.0, 0.2))
+        # poll() counts whole milliseconds, in which a fast line carries hundreds of characters.
+        select.select([self._master], [], [], max(seconds, LEAST_S))
 
     def _read(self, most: int) -> bytes | None:
         """Up to so many characters; None if nobody has the port open."""

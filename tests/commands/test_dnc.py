@@ -168,6 +168,35 @@ def test_a_receive_buffer_of_twelve_characters_at_a_real_port(folder: Path) -> N
     assert (folder / "memory" / "BLADE1.H").read_bytes() == (folder / "BLADE1.H").read_bytes()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["standard", "blockwise"])
+def test_ten_megabytes_in_both_directions(folder: Path, protocol: str) -> None:
+    text = text_of(280_000)
+    assert len(text) > 10_000_000
+    (folder / "BLADE1.H").write_bytes(text)
+    fast = ("--set", "baud=4000000")
+    with control("load=BLADE1.H" if protocol != "standard" else "load=BLADE1", protocol=protocol, settings=fast) as it:
+        result = call("send", "BLADE1.H", "--send", "--unverified", protocol=protocol, settings=fast)
+        assert result.exit_code == 0, result.stderr
+        assert it.wait(timeout=60) == 0
+    assert (folder / "memory" / "BLADE1.H").read_bytes() == text
+    with control("save=BLADE1.H", protocol=protocol, settings=fast):
+        result = call("receive", "BLADE1", "-o", "COPY.H", protocol=protocol, settings=fast)
+        assert result.exit_code == 0, result.stderr
+    assert (folder / "COPY.H").read_bytes() == text
+
+
+@pytest.mark.slow
+def test_the_rate_of_the_line_is_used(folder: Path) -> None:
+    """As the simulated control paces it: at least 95 % at 115,200 baud."""
+    (folder / "BLADE1.H").write_bytes(text_of(7000))
+    with control("load=BLADE1") as simulated:
+        assert call("send", "BLADE1.H", "--send", "--unverified").exit_code == 0
+        shown, _ = simulated.communicate(timeout=10)
+    share = re.search(r"([\d.]+) % of the line", shown)
+    assert share and float(share[1]) >= 95.0
+
+
 # --- what goes wrong ------------------------------------------------------------------------------------------------
 
 FAILURES = {
