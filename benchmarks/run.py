@@ -212,6 +212,8 @@ def main(only: str | None, tool: str | None, jobs: int, envelopes: int, out: str
     console = Console()
     if not console.is_terminal:
         console = Console(width=TABLE_WIDTH)
+    # Wall times on a machine that has other things to do say little, and a reader should know.
+    load = round(os.getloadavg()[0], 1)
     passed = True
     if only is None or "footpoints" in only:
         passed &= report_footpoints(console)
@@ -224,7 +226,7 @@ def main(only: str | None, tool: str | None, jobs: int, envelopes: int, out: str
             rows = [figures(case, outcome) for case, outcome in zip(chosen, outcomes, strict=True)]
             passed &= all(row["result"] == "pass" for row in rows)
             if as_json is not None:
-                document = {"cores": os.cpu_count(), "jobs": jobs, "rows": rows}
+                document = {"cores": os.cpu_count(), "jobs": jobs, "load": load, "rows": rows}
                 Path(as_json).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if passed else 1)
 
