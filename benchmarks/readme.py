@@ -112,8 +112,8 @@ def bench_table() -> str:
         "<result",
     ]
     note = (
-        f"Wall time of the whole job in a process of its own, on {bench['cores']} cores, {bench['jobs']} at a time; the "
-        f"machine's load by other work was {bench['load']:g} when the bench began.\n"
+        f"Wall time of the whole job in a process of its own, on {bench['cores']} cores, {bench['jobs']} at a time; "
+        f"the machine's load by other work was {bench['load']:g} when the bench began.\n"
     )
     return markdown(headings, rows) + "\n" + note
 
