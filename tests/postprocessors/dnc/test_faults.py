@@ -1,11 +1,13 @@
 """What must hold when things go wrong: never a wrong file, no hang, no crash. On a clock that is made up."""
 
 import random
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
 
 from postprocessors.dnc.blockwise import BlockwiseServer
+from postprocessors.dnc.engine import Engine
 from postprocessors.dnc.profile import Profile
 from postprocessors.dnc.simulated_control import ETB, STX, Faults
 from postprocessors.dnc.standard import StandardReceiver, StandardSender
@@ -55,6 +57,7 @@ def send(
     own: Profile, lines: list[bytes], faults: Faults | None = None, damage: Damage | None = None, exact: bool = True
 ) -> Result:
     """From here to the control."""
+    engine: Engine
     if own.blockwise:
         engine = BlockwiseServer(own, "P", MemoryStore({"P.H": lines}), once=True)
     else:
@@ -86,7 +89,8 @@ def receive(
     return Result(str(engine.failure or ""), control.screen, kept, line)
 
 
-WAYS = [send, receive]
+Way = Callable[..., Result]
+WAYS: list[Way] = [send, receive]
 
 
 # --- the table of faults --------------------------------------------------------------------------------------------
@@ -95,14 +99,14 @@ WAYS = [send, receive]
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("protocol", ["standard", *BLOCKWISE])
 @pytest.mark.parametrize("handshake", ["dc3", "rts-cts", "none"])
-def test_without_faults_the_bytes_are_identical(way, protocol, handshake) -> None:
+def test_without_faults_the_bytes_are_identical(way: Way, protocol: str, handshake: str) -> None:
     lines = program(60)
     result = way(profile(protocol, handshake=handshake), lines)
     assert (result.error, result.kept) == ("", text_of(lines))
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_the_rule_for_small_check_characters_adds_one_space_and_nothing_else(way) -> None:
+def test_the_rule_for_small_check_characters_adds_one_space_and_nothing_else(way: Way) -> None:
     lines = program(60)
     assert with_space(lines) != lines
     result = way(profile("blockwise", bcc_no_control=True), lines)
@@ -110,7 +114,7 @@ def test_the_rule_for_small_check_characters_adds_one_space_and_nothing_else(way
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_one_wrong_check_in_twenty_blocks(way) -> None:
+def test_one_wrong_check_in_twenty_blocks(way: Way) -> None:
     lines = program(200)
     faults = Faults(wrong_check=frozenset(range(7, 200, 20)), corrupt_every=0 if way is receive else 613)
     result = way(profile("blockwise"), lines, faults)
@@ -142,7 +146,7 @@ def test_a_lost_answer_ends_in_an_error_not_in_a_line_twice() -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("protocol", ["standard", "blockwise"])
-def test_half_a_minute_of_silence_is_flow_control(way, protocol) -> None:
+def test_half_a_minute_of_silence_is_flow_control(way: Way, protocol: str) -> None:
     lines = program(30)
     result = way(profile(protocol), lines, Faults(silence={11: 30.0}))
     assert (result.error, result.kept) == ("", text_of(lines))
@@ -150,7 +154,7 @@ def test_half_a_minute_of_silence_is_flow_control(way, protocol) -> None:
 
 
 @pytest.mark.parametrize("protocol", ["standard", "blockwise"])
-def test_dc3_in_mid_line(protocol) -> None:
+def test_dc3_in_mid_line(protocol: str) -> None:
     lines = program(40)
     result = send(profile(protocol), lines, Faults(dc3_every=217, dc3_for=30.0))
     assert (result.error, result.kept) == ("", text_of(lines))
@@ -159,24 +163,18 @@ def test_dc3_in_mid_line(protocol) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("protocol", ["standard", "blockwise"])
-def test_reads_of_one_byte(way, protocol) -> None:
+def test_reads_of_one_byte(way: Way, protocol: str) -> None:
     lines = program(30)
     own = profile(protocol)
-    engine_chunk = 1
-
-    class OneByte(Line):
-        def __init__(self, *arguments, **named) -> None:
-            super().__init__(*arguments, **named)
-            self.chunk = engine_chunk
-
     store, sink = MemoryStore({"P.H": lines}), MemorySink()
+    engine: Engine
     if own.blockwise:
         engine = BlockwiseServer(own, "P", store, once=True)
     else:
         engine = StandardSender(own, "P", iter(lines)) if way is send else StandardReceiver(own, "P", sink)
     control = control_for(own, {} if way is send else {"Q.H": text_of(lines)})
     start = (lambda now: control.load("P.H", now)) if way is send else (lambda now: control.save("Q.H", now))
-    OneByte(engine, control).run(start)
+    Line(engine, control, chunk=1).run(start)
     assert engine.failure is None
     kept = control.memory["P.H"] if way is send else text_of(store.sinks.get("Q", sink).lines)
     assert kept == text_of(lines)
@@ -184,7 +182,7 @@ def test_reads_of_one_byte(way, protocol) -> None:
 
 @pytest.mark.parametrize("protocol", ["standard", "blockwise"])
 @pytest.mark.parametrize("appetite", [20.0, 100.0, 500.0])
-def test_a_receive_buffer_of_twelve_characters(protocol, appetite) -> None:
+def test_a_receive_buffer_of_twelve_characters(protocol: str, appetite: float) -> None:
     """DC3 goes out with the first character, and eleven more may still arrive; three go by while it comes back."""
     lines = program(15)
     own = profile(protocol, baud=2400, silence_timeout_s=600)
@@ -205,7 +203,7 @@ def test_a_receive_buffer_of_twelve_characters(protocol, appetite) -> None:
     ],
     ids=["error", "ended", "cable", "no EOT"],
 )
-def test_what_cannot_go_on_ends_with_a_message_and_no_file(way, protocol, faults, words) -> None:
+def test_what_cannot_go_on_ends_with_a_message_and_no_file(way: Way, protocol: str, faults: Faults, words: str) -> None:
     lines = program(30)
     result = way(profile(protocol), lines, faults)
     assert words in result.error.replace("10 s", "120 s") if "120" in words else words in result.error
@@ -252,7 +250,10 @@ def random_case(seed: int) -> tuple[Result, Profile, bytes]:
     expected = lines
     if own.bcc_no_control:
         expected = with_space(lines)
-    block = lambda: rng.randrange(1, len(lines) + 1)  # noqa: E731
+
+    def block() -> int:
+        return rng.randrange(1, len(lines) + 1)
+
     picks = set(rng.sample(range(10), rng.randrange(0, 4)))
     faults = Faults(
         nak={block(): rng.randrange(1, 20)} if 0 in picks else {},
