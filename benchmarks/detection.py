@@ -1,0 +1,517 @@
+"""What detection finds of what there is: exact envelopes, real blades against a blind search, time.
+
+Run with ``python -m benchmarks.detection`` (or ``make bench``), one part of it with ``--only envelopes``, ``joined``,
+``blades`` or ``time``. Nothing is optimised: what is judged is the sweeps as `conflank_cli.detection.detect` returns
+them. Real blades are looked for in ``../shared/parts`` beside the repository and left out where that folder is missing.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import click
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.blind_families import Family, blind_families
+from benchmarks.blind_search import SPHERES, BlindSearch
+from benchmarks.envelopes import PATCH, cylinder, random_envelopes
+from benchmarks.joined import joined_faces
+from benchmarks.run import PARTS, REPOSITORY, SEED, TABLE_WIDTH
+from conflank_cli import job as jobs
+from conflank_cli.cad.reader import read_part
+from conflank_cli.cad.scene import resolve_faces
+from conflank_cli.detection import DENSITIES, MARGIN, detect
+from conflank_cli.detection.reachability import Reachability, reachability
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.geometry.gap import motion_gap
+from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.progress import SilentProgress
+from conflank_cli.scene import Scene
+from conflank_cli.sweep import Sweep
+from conflank_cli.tool import CATALOGUE, Tool
+
+Array = npt.NDArray[np.float64]
+Density = Literal["quick", "normal", "exhaustive"]
+
+TOLERANCE = 0.020  # mm, of everything that is counted here
+KNOWN_SHARE = 0.90  # of a known patch that one sequence has to cut
+MAP_DIFFERS = 0.01  # of the area, at most
+DETECTED = 0.95  # of what the blind search reaches, at least
+FEWER_FOOTPOINTS = 20.0
+SECONDS = 2.0
+# Slope of log time over log work: above it, growth is worse than linear (the rest is the scatter of a shared machine).
+LINEAR = 1.05
+# Points that a known patch is measured on, and a blade's detected patches.
+PATCH_POINTS = 1500
+PICTURE = REPOSITORY / "docs" / "pictures" / "detection_time.png"
+# At these tolerances, mm, map and blind search are compared as well: at one where all of a face or nothing of it is
+# reached, they could hardly differ.
+TOLERANCES = (0.001, 0.002, 0.005, 0.010, 0.020)
+# The part of the flute that has to touch: as the program has it, and a whole one, which is much harder.
+ENGAGED = (1.0 / 3.0, 1.0)
+
+NO_MACHINE = """
+name = "no-limits"
+max_feed_mm_min = 10000.0
+block_time_ms = 1.0
+[travel_mm]
+x = [-10000.0, 10000.0]
+y = [-10000.0, 10000.0]
+z = [-10000.0, 10000.0]
+[[rotary]]
+letter = "C"
+vector = [0.0, 0.0, 1.0]
+carried_by = "table"
+max_speed_deg_min = 10000.0
+[[rotary]]
+letter = "A"
+vector = [1.0, 0.0, 0.0]
+carried_by = "table"
+max_speed_deg_min = 10000.0
+"""
+NOTHING = CheckMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32))
+
+
+@dataclass(frozen=True, slots=True)
+class Flank:
+    """A flank of a real blade: the part, the face, a region of it and the tools that are asked about."""
+
+    file: str
+    face: int
+    region: tuple[float, float, float, float] = (0.0, 1.0, 0.0, 1.0)
+    side: Literal["outside", "inside"] = "outside"
+    tools: tuple[str, ...] = ("T1", "T3")
+
+    @property
+    def name(self) -> str:
+        """As the tables print it."""
+        return f"{Path(self.file).stem} {self.face}" + ("" if self.region == (0.0, 1.0, 0.0, 1.0) else "*")
+
+
+# The faces of benchmarks.run. The regions leave the edge radii out, where no flank of a tool has any business; sides
+# are where the normals point away from the other side of the blade.
+FLANKS = (
+    Flank("rotor37.step", 0),
+    Flank("rotor37.step", 1),
+    Flank("tfd4ac_rotor1.igs", 0),
+    Flank("tfd4ac_rotor1.igs", 1),
+    Flank("compressor_wheel.step", 0),
+    Flank("compressor_wheel.step", 2),
+    Flank("airfoil_closed.igs", 0, (0.0, 1.0, 0.55, 0.90), tools=("T3",)),
+    Flank("propeller_upper.iges", 0, (0.15, 0.85, 0.1, 0.7), tools=("T3",)),
+)
+
+
+def whole(surface: BSplineSurface, sense: int) -> DesignFace:
+    """The whole of a surface as a face."""
+    u0, u1, v0, v1 = surface.domain
+    return DesignFace(0, "", surface, (np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]),), sense)
+
+
+def scene(face: DesignFace, tools: Sequence[Tool], density: Density = "normal", *, free: bool = False) -> Scene:
+    """A job for one face without check geometry; `free`: no holder, no shank, and a machine that reaches every axis."""
+    if free:
+        tools = [replace(tool, shank=(), holder=()) for tool in tools]
+    job = jobs.Job(
+        part=jobs.Part("part.step", (jobs.Design(face.number),)),
+        tools=jobs.Tools(tuple(tool.name for tool in tools)),
+        tolerance=jobs.Tolerance(TOLERANCE, TOLERANCE),
+        detection=jobs.Detection(density),
+        machine=jobs.Machine("no-limits", None, NO_MACHINE) if free else jobs.Machine(),
+    )
+    return Scene(job, "part", (face,), tuple(tools), NOTHING, {})
+
+
+def load(flank: Flank) -> DesignFace:
+    """Read the face of a real blade."""
+    part = read_part(PARTS / flank.file, 1.0)
+    return resolve_faces(part, jobs.Part(flank.file, (jobs.Design(flank.face, flank.side, flank.region),)))[0]
+
+
+def within(sweeps: Sequence[Sweep], tool: Tool, points: Array) -> npt.NDArray[np.bool_]:
+    """Which points (N, 3) each sweep leaves within the tolerance, (S, N)."""
+    table = np.zeros((len(sweeps), len(points)), dtype=np.bool_)
+    for k, sweep in enumerate(sweeps):
+        table[k] = np.abs(motion_gap(sweep.motion, tool, points)[0]) <= TOLERANCE
+    return table
+
+
+def share(areas: Array, chosen: npt.NDArray[np.bool_]) -> float:
+    """Share of the whole area that the chosen samples stand for."""
+    return float(areas[chosen].sum() / areas.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One requirement: what was asked, what came out, whether it is reached."""
+
+    what: str
+    asked: str
+    found: str
+    reached: bool
+
+
+def _table(title: str, *headings: str) -> Table:
+    table = Table(title=title)
+    for k, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if k == 0 else "right")
+    return table
+
+
+# -- exact envelopes -------------------------------------------------------------------------------------------------
+
+
+def best_shares(face: DesignFace, tool: Tool, regions: Sequence[tuple[float, float]]) -> tuple[list[float], float, int]:
+    """Largest share of each known patch (u within a region) that one sweep cuts, seconds, number of sweeps."""
+    start = time.perf_counter()
+    sweeps = detect(scene(face, (tool,)), SilentProgress())
+    seconds = time.perf_counter() - start
+    work = WorkFace.of(face, 0.0)
+    samples = work.samples(work.spacing(PATCH_POINTS))
+    cut = within(sweeps, tool, samples.points)
+    shares = []
+    for low, high in regions:
+        keep = (samples.uv[:, 0] >= low) & (samples.uv[:, 0] <= high)
+        shares.append(max(share(samples.areas[keep], row[keep]) for row in cut))
+    return shares, seconds, len(sweeps)
+
+
+def envelopes(console: Console, count: int) -> tuple[list[Verdict], dict[str, Any]]:
+    """Exact envelopes of `count` random motions of each tool: does one detected sequence cut the known patch?"""
+    table = _table(
+        f"exact envelopes: best single sequence as detected, within {1e3 * TOLERANCE:g} um",
+        "tool", "motions", ">= 90 %", "least %", "median %", "median s",
+    )  # fmt: skip
+    rows: list[dict[str, Any]] = []
+    for tool in (*CATALOGUE.values(), cylinder()):
+        cases = random_envelopes(tool, count, SEED)
+        found = [best_shares(whole(case.surface, case.sense), tool, [PATCH]) for case in cases]
+        shares, seconds = np.array([row[0][0] for row in found]), np.array([row[1] for row in found])
+        rows += [
+            {
+                "tool": tool.name,
+                "motion": k,
+                "share": round(row[0][0], 4),
+                "seconds": round(row[1], 2),
+                "sweeps": row[2],
+            }
+            for k, row in enumerate(found)
+        ]
+        table.add_row(
+            tool.name, str(count), str(int((shares >= KNOWN_SHARE).sum())), f"{100 * shares.min():.1f}",
+            f"{100 * np.median(shares):.1f}", f"{np.median(seconds):.2f}",
+        )  # fmt: skip
+    console.print(table)
+    missed = [row for row in rows if row["share"] < KNOWN_SHARE]
+    for row in missed:
+        console.print(f"  missed: {row['tool']} motion {row['motion']}: {100 * row['share']:.1f} %")
+    median = float(np.median([row["seconds"] for row in rows]))
+    verdicts = [
+        Verdict("known patch cut >= 90 %", f"{len(rows)} of {len(rows)}", f"{len(rows) - len(missed)}", not missed),
+        Verdict("detection on an envelope, median s", f"<= {SECONDS:g}", f"{median:.2f}", median <= SECONDS),
+    ]
+    return verdicts, {"cases": rows}
+
+
+def joined(console: Console) -> tuple[list[Verdict], dict[str, Any]]:
+    """Two envelopes joined in one face: are both found?"""
+    table = _table("two envelopes in one face", "tool", "first half %", "second half %", "sweeps", "s")
+    rows: list[dict[str, Any]] = []
+    both = 0
+    for case in joined_faces(SEED):
+        face = whole(case.surface, case.sense)
+        shares, seconds, count = best_shares(face, case.tool, case.halves)
+        both += min(shares) >= KNOWN_SHARE
+        rows.append({"tool": case.tool.name, "shares": [round(half, 4) for half in shares]})
+        table.add_row(
+            case.tool.name, *(f"{100 * half:.1f}" for half in shares), str(count), f"{seconds:.2f}"
+        )  # fmt: skip
+    console.print(table)
+    return [Verdict("both halves of a joined face", f"{len(rows)} of {len(rows)}", str(both), both == len(rows))], {
+        "faces": rows
+    }
+
+
+# -- real blades -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The map against the blind search: shares of the area at each of TOLERANCES, and footpoints.
+
+    only_blind, only_map: reached by one alone; of what only the map reaches, wrong is what its line does not hold when
+    the blind search measures it.
+    """
+
+    by_map: Array
+    by_blind: Array
+    only_blind: Array
+    only_map: Array
+    wrong: Array
+    footpoints: tuple[int, int]
+
+    @property
+    def differs(self) -> float:
+        """Largest share of the area on which the map is wrong or short, over all tolerances."""
+        return float((self.only_blind + self.wrong).max())
+
+
+def compare(found: Reachability, search: BlindSearch, blind_error: Array, blind_footpoints: int) -> Comparison:
+    """Hold a map against what the blind search found at the same samples."""
+    areas = found.samples.areas
+    measured, off = search.check(found.samples, found.p, found.d, found.height)
+    columns = []
+    for tolerance in TOLERANCES:
+        here, there = found.error <= tolerance, blind_error <= tolerance
+        holds = (measured <= tolerance) & (off <= tolerance)
+        masks = (here, there, there & ~here, here & ~there, here & ~there & ~holds)
+        columns.append([share(areas, mask) for mask in masks])
+    by_map, by_blind, only_blind, only_map, wrong = np.array(columns).T
+    return Comparison(by_map, by_blind, only_blind, only_map, wrong, (found.footpoints, blind_footpoints))
+
+
+def blade(flank: Flank, tool: Tool, points: int, density: Density) -> dict[str, Any]:
+    """Everything the table of real blades says of one face and tool."""
+    design = load(flank)
+    face = WorkFace.of(design, MARGIN * tool.length)
+    samples = face.samples(face.spacing(points))
+    row: dict[str, Any] = {"face": flank.name, "tool": tool.name, "points": len(samples.uv)}
+    comparisons, families = [], []
+    for engaged in ENGAGED:
+        search = BlindSearch.of(face, tool, least=round(engaged * SPHERES))
+        lines = search.search(samples)
+        found = reachability(face, tool, samples, 0.0, engaged)
+        comparisons.append(compare(found, search, lines.error, lines.footpoints))
+        if engaged == ENGAGED[0]:
+            reach = lines.error <= TOLERANCE
+            families = blind_families(search, samples, lines, found.error, TOLERANCE)
+    seconds = np.inf
+    job = scene(design, (tool,), density, free=True)
+    for _ in range(2):
+        start = time.perf_counter()
+        sweeps = detect(job, SilentProgress())
+        seconds = min(seconds, time.perf_counter() - start)
+    detected = np.logical_or.reduce(within(sweeps, tool, samples.points), axis=0)
+    areas = samples.areas
+    row |= {
+        "area_mm2": round(float(areas.sum()), 1),
+        "detected": round(share(areas, detected), 4),
+        "detected_of_reachable": round(float(areas[detected & reach].sum() / max(areas[reach].sum(), 1e-9)), 4),
+        "sweeps": len(sweeps),
+        "seconds": round(seconds, 2),
+        "comparisons": [
+            {
+                "engaged": round(engaged, 3),
+                "tolerance_um": [1e3 * tolerance for tolerance in TOLERANCES],
+                "map": compared.by_map.round(4).tolist(),
+                "blind": compared.by_blind.round(4).tolist(),
+                "only_blind": compared.only_blind.round(4).tolist(),
+                "only_map": compared.only_map.round(4).tolist(),
+                "wrong": compared.wrong.round(4).tolist(),
+                "footpoints": compared.footpoints,
+            }
+            for engaged, compared in zip(ENGAGED, comparisons, strict=True)
+        ],
+        "families": [family.row() for family in families],
+        "_comparisons": comparisons,
+        "_families": families,
+    }
+    return row
+
+
+def blades(console: Console, points: int, density: Density) -> tuple[list[Verdict], dict[str, Any]]:
+    """Real blades: map against blind search, detected patches against what can be reached."""
+    flanks = [flank for flank in FLANKS if (PARTS / flank.file).exists()]
+    if not flanks:
+        console.print(f"no folder {PARTS.parent.name}/{PARTS.name} beside the repository: real blades left out")
+        return [], {}
+    rows = [blade(flank, CATALOGUE[name], points, density) for flank in flanks for name in flank.tools]
+    maps = _table(
+        f"reachable within {1e3 * TOLERANCE:g} um, % of the area (* region); differs: at the worst of "
+        f"{', '.join(f'{1e3 * t:g}' for t in TOLERANCES)} um",
+        "face", "tool", "flute", "map", "blind", "differs", "map better", "footpoints", "blind", "ratio",
+    )  # fmt: skip
+    patches = _table(
+        "detected patches", "face", "tool", "reachable %", "detected %", "of reachable %", "sweeps", "s", "blind only"
+    )
+    named = _table(
+        "families of lines that only the blind search finds", "face", "tool", "explanation", "families", "area %",
+        "of which only so %", "left 1/m",
+    )  # fmt: skip
+    for row in rows:
+        for engaged, compared in zip(ENGAGED, row["_comparisons"], strict=True):
+            maps.add_row(
+                row["face"], row["tool"], f"{engaged:.2f}", f"{100 * compared.by_map[-1]:.1f}",
+                f"{100 * compared.by_blind[-1]:.1f}", f"{100 * compared.differs:.2f}",
+                f"{100 * (compared.only_map - compared.wrong).max():.2f}", f"{compared.footpoints[0]}",
+                f"{compared.footpoints[1]}", f"{compared.footpoints[1] / max(compared.footpoints[0], 1):.0f}",
+            )  # fmt: skip
+        compared = row["_comparisons"][0]
+        patches.add_row(
+            row["face"], row["tool"], f"{100 * compared.by_blind[-1]:.1f}", f"{100 * row['detected']:.1f}",
+            f"{100 * row['detected_of_reachable']:.1f}", str(row["sweeps"]), f"{row['seconds']:.2f}",
+            str(len(row["_families"])),
+        )  # fmt: skip
+        for cells in _explained(row["_families"], row["area_mm2"]):
+            named.add_row(row["face"], row["tool"], *cells)
+    for table in (maps, patches, named):
+        console.print(table)
+    compared_all = [compared for row in rows for compared in row["_comparisons"]]
+    differs = max(compared.differs for compared in compared_all)
+    least = min(row["detected_of_reachable"] for row in rows)
+    ratio = min(compared.footpoints[1] / max(compared.footpoints[0], 1) for compared in compared_all)
+    slowest = max(row["seconds"] for row in rows)
+    verdicts = [
+        Verdict("map differs from blind search, % of area", "<= 1", f"{100 * differs:.2f}", differs <= MAP_DIFFERS),
+        Verdict("detected of reachable, least %", ">= 95", f"{100 * least:.1f}", least >= DETECTED),
+        Verdict("times fewer footpoints, least", ">= 20", f"{ratio:.0f}", ratio >= FEWER_FOOTPOINTS),
+        Verdict("detection on a blade, slowest s", f"<= {SECONDS:g}", f"{slowest:.2f}", slowest <= SECONDS),
+    ]
+    return verdicts, {"rows": [{key: value for key, value in row.items() if key[0] != "_"} for row in rows]}
+
+
+def _explained(families: Sequence[Family], area: float) -> Iterator[list[str]]:
+    """The families of each explanation: how many, their area, how much of it is reached by no other line."""
+    for why in dict.fromkeys(family.why for family in families):
+        same = [family for family in families if family.why == why]
+        areas = [100.0 * sum(getattr(family, name) for family in same) / area for name in ("area", "alone")]
+        left = float(np.median([family.curvature for family in same]))
+        yield [why, str(len(same)), f"{areas[0]:.1f}", f"{areas[1]:.1f}", f"{1e3 * left:.2f}"]
+
+
+# -- time ------------------------------------------------------------------------------------------------------------
+
+
+def fitted_exponent(work: Sequence[float], seconds: Sequence[float]) -> float:
+    """Slope of log seconds over log work, by least squares."""
+    return float(np.polyfit(np.log(work), np.log(seconds), 1)[0])
+
+
+def least_seconds(job: Scene, runs: int) -> float:
+    """Least time of several runs: others may be using the machine."""
+    taken = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        detect(job, SilentProgress())
+        taken.append(time.perf_counter() - start)
+    return min(taken)
+
+
+def timing(console: Console, runs: int) -> tuple[list[Verdict], dict[str, Any]]:
+    """Time over density and over the number of tools, on the first blade there is, else on an envelope."""
+    there = next((flank for flank in FLANKS if (PARTS / flank.file).exists()), None)
+    if there is None:
+        case = random_envelopes(CATALOGUE["T1"], 1, SEED)[0]
+        face, name = whole(case.surface, case.sense), "envelope"
+    else:
+        face, name = load(there), there.name
+    tools = list(CATALOGUE.values())
+    least_seconds(scene(face, tools[:1], "quick", free=True), 1)  # compiles what is not in the cache
+    densities: list[Density] = ["quick", "normal", "exhaustive"]
+    seeds = [float(DENSITIES[density].contacts * len(DENSITIES[density].heights)) for density in densities]
+    by_density = [least_seconds(scene(face, tools[:1], density, free=True), runs) for density in densities]
+    alone = [least_seconds(scene(face, [tool], free=True), runs) for tool in tools]
+    by_tools = [alone[0], *(least_seconds(scene(face, tools[:count], free=True), runs) for count in (2, 3))]
+    table = _table(f"time of detection on {name}", "", "contacts x heights", "s", "s / 1000")
+    for density, count, seconds in zip(densities, seeds, by_density, strict=True):
+        table.add_row(f"T1, {density}", f"{count:.0f}", f"{seconds:.2f}", f"{1e3 * seconds / count:.2f}")
+    for count, seconds in enumerate(by_tools, 1):
+        together = f"{seconds / sum(alone[:count]):.2f} of the tools alone"
+        table.add_row(" ".join(tool.name for tool in tools[:count]), "", f"{seconds:.2f}", together)
+    console.print(table)
+    exponent = fitted_exponent(seeds, by_density)
+    # Tools differ: the drawer is held against the sum of its tools, one at a time.
+    of_tools = fitted_exponent(np.cumsum(alone).tolist(), by_tools)
+    _plot(seeds, by_density, exponent, np.cumsum(alone).tolist(), by_tools, of_tools, name)
+    verdicts = [
+        Verdict(
+            "detection at the default density, s", f"<= {SECONDS:g}", f"{by_density[1]:.2f}", by_density[1] <= SECONDS
+        ),
+        Verdict("exponent of time over seeds", "<= 1", f"{exponent:.2f}", exponent <= LINEAR),
+        Verdict("exponent of time over tools", "<= 1", f"{of_tools:.2f}", of_tools <= LINEAR),
+    ]
+    return verdicts, {
+        "face": name,
+        "seeds": seeds,
+        "seconds": [round(value, 3) for value in by_density],
+        "tools": [round(value, 3) for value in by_tools],
+        "tools_alone": [round(value, 3) for value in alone],
+        "exponents": [round(exponent, 3), round(of_tools, 3)],
+    }
+
+
+def _plot(
+    seeds: Sequence[float], by_density: Sequence[float], exponent: float, alone: Sequence[float],
+    by_tools: Sequence[float], of_tools: float, name: str,
+) -> None:  # fmt: skip
+    """The picture of both growths, with the straight lines that linear growth would be."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt  # the backend has to be chosen first
+
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.2), layout="constrained")
+    panels = (
+        (seeds, by_density, exponent, "contact points × heights"),
+        (alone, by_tools, of_tools, "sum of the tools one at a time, s (1, 2, 3 tools)"),
+    )
+    for axis, (work, seconds, slope, label) in zip(axes, panels, strict=True):
+        axis.loglog(work, seconds, "o-", color="#1f5a99", label=f"measured, exponent {slope:.2f}")
+        axis.loglog(work, seconds[0] * np.array(work) / work[0], "--", color="0.6", label="linear")
+        axis.set_xlabel(label)
+        axis.set_ylabel("detection, s")
+        axis.grid(True, which="both", alpha=0.3)
+        axis.legend(frameon=False)
+    axes[0].set_title(f"{name}, T1: density", fontsize=10)
+    axes[1].set_title(f"{name}: tools", fontsize=10)
+    PICTURE.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(PICTURE, dpi=130, metadata={"Software": None})
+    plt.close(figure)
+
+
+@click.command()
+@click.option("--only", type=click.Choice(["envelopes", "joined", "blades", "time"]), help="One part of the table.")
+@click.option("--points", default=150, show_default=True, help="Points on a real face, about.")
+@click.option("--motions", default=25, show_default=True, help="Random motions of each tool.")
+@click.option("--density", default="normal", show_default=True, type=click.Choice(list(DENSITIES)), help="On blades.")
+@click.option("--runs", default=3, show_default=True, help="The least time of so many runs counts.")
+@click.option("--json", "as_json", metavar="FILE", help="Write the figures to FILE too.")
+def main(only: str | None, points: int, motions: int, density: Density, runs: int, as_json: str | None) -> None:
+    """Print what detection must reach; exit code 1 where a figure is missed."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=TABLE_WIDTH)
+    verdicts: list[Verdict] = []
+    figures: dict[str, Any] = {}
+    parts: dict[str, Callable[[], tuple[list[Verdict], dict[str, Any]]]] = {
+        "time": lambda: timing(console, runs),
+        "envelopes": lambda: envelopes(console, motions),
+        "joined": lambda: joined(console),
+        "blades": lambda: blades(console, points, density),
+    }
+    for name, part in parts.items():
+        if only in (None, name):
+            start = time.perf_counter()
+            asked, figures[name] = part()
+            verdicts += asked
+            console.print(f"{name}: {time.perf_counter() - start:.0f} s")
+    table = _table("Detection", "figure", "asked", "found", "result")
+    for verdict in verdicts:
+        table.add_row(verdict.what, verdict.asked, verdict.found, "pass" if verdict.reached else "MISS")
+    console.print(table)
+    if as_json is not None:
+        figures["verdicts"] = {verdict.what: [verdict.found, verdict.reached] for verdict in verdicts}
+        Path(as_json).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    raise SystemExit(0 if all(verdict.reached for verdict in verdicts) else 1)
+
+
+if __name__ == "__main__":
+    main()
