@@ -27,6 +27,8 @@ def objection(program: Path) -> str | None:
     if judgement.get("program_sha256") != digest.hexdigest():
         return f"{path.name} is the verification of another text"
     if judgement["findings"]:
-        codes = sorted({str(finding.get("code", "?")) for finding in judgement["findings"]})
+        codes = sorted(
+            {str(finding.get("code", "?")) if isinstance(finding, dict) else "?" for finding in judgement["findings"]}
+        )
         return f"{path.name} has {len(judgement['findings'])} findings ({', '.join(codes)})"
     return None

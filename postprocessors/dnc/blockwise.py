@@ -19,6 +19,7 @@ from postprocessors.dnc.engine import Engine
 from postprocessors.dnc.profile import Profile
 from postprocessors.dnc.store import Entry, Refusal, Sink, Store
 from postprocessors.dnc.wire import CR, DC1, DC3, DIRECTORY_REQUEST, LF, LINE_END, NAK, block_check, is_text, make_frame
+from postprocessors.errors import PostError
 
 INTO_CONTROL, OUT_OF_CONTROL = ord("E"), ord("A")
 LONGEST_BLOCK = 4096
@@ -237,6 +238,9 @@ class BlockwiseServer(Engine):
             except Refusal as refusal:
                 self._refuse(refusal, now)
                 return
+            except PostError as error:
+                self._give_up(error, now)
+                return
             self._report(f"{self._name}: received, {self.counts.blocks} blocks")
             self._done(now)
         elif character not in (DC1, DC3):
@@ -346,7 +350,11 @@ class BlockwiseServer(Engine):
         assert self._lines is not None
         self.counts.blocks += 1
         self.counts.bytes += len(self._line) + len(LINE_END)
-        self._next_line = next(self._lines, None)
+        try:
+            self._next_line = next(self._lines, None)
+        except PostError as error:
+            self._give_up(error, now)
+            return
         if self._next_line is not None:
             self._send_line(now)
         elif self._pending:
@@ -405,7 +413,11 @@ class BlockwiseServer(Engine):
             self._wait_in_state(now)
             return
         self._line = text
-        self._sink.write(text)
+        try:
+            self._sink.write(text)
+        except PostError as error:
+            self._give_up(error, now)
+            return
         self.counts.blocks += 1
         self.counts.bytes += len(text) + len(LINE_END)
         self._waiting.append(self._characters.ack)
@@ -464,6 +476,10 @@ class BlockwiseServer(Engine):
         next_step = f"The control was told: {refusal.text}."
         self._fail(refusal.reason, expected, next_step, now, tell=False)
         self._tell(refusal.text)
+
+    def _give_up(self, error: PostError, now: float) -> None:
+        """A file here cannot be read on or written; one transfer ends so, a server goes on."""
+        self._fail(error.found, error.expected, error.next_step, now, tell=True)
 
     def _tell(self, text: str) -> None:
         frame = make_frame(self._characters.soh, text.encode(), self._characters.etb, self.profile.bcc_no_control)

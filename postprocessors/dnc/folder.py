@@ -6,6 +6,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from postprocessors.dnc.blockwise import NAME_PATTERN
@@ -53,28 +54,48 @@ class FileSink:
             if self._expected and name is not None and not same_name(name, self._expected):
                 where, expected = f"receiving {self._expected}", f"program {self._expected}"
                 raise DeviceError(where, f"program {name} from the control", expected, "Choose it at the control.")
-        self._stream.write(line + b"\r\n")
+        with self._on_disk():
+            self._stream.write(line + b"\r\n")
 
     def commit(self) -> None:
         """Give the file its name."""
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-        self._stream.close()
-        self._temporary.chmod(0o644)
-        try:
+        with self._on_disk():
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+            self._stream.close()
+            self._temporary.chmod(0o644)
             if self._overwrite:
                 self._temporary.replace(self._path)
             else:
-                # Unlike a rename, a link fails where a file of that name has appeared in the meantime.
-                self._path.hardlink_to(self._temporary)
-                self._temporary.unlink()
+                self._name_if_free()
+
+    def _name_if_free(self) -> None:
+        try:
+            # Unlike a rename, a link fails where a file of that name has appeared in the meantime.
+            self._path.hardlink_to(self._temporary)
+            self._temporary.unlink()
         except FileExistsError:
             self._temporary.unlink()
             raise Refusal("FILE EXISTS", f"{self._path.name} exists by now") from None
+        except OSError:
+            # A file system without links, such as that of a memory stick.
+            if os.path.lexists(self._path):
+                self._temporary.unlink()
+                raise Refusal("FILE EXISTS", f"{self._path.name} exists by now") from None
+            self._temporary.replace(self._path)
+
+    @contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            found, expected = f"{error.strerror}", "room for the program"
+            raise DeviceError(str(self._path), found, expected, "Make room, or name another folder.") from error
 
     def discard(self) -> None:
         """Leave nothing behind."""
-        self._stream.close()
+        with suppress(OSError):
+            self._stream.close()
         self._temporary.unlink(missing_ok=True)
 
 
@@ -151,12 +172,14 @@ class Folder:
         path = self._find(name, kind)
         if path is None:
             raise Refusal("FILE NOT FOUND", f"there is no {name} in {self._path}")
-        if reason := self._gate(path):
-            raise Refusal("NOT VERIFIED", reason)
         try:
-            return read_program(path, self._profile).text()
+            program = read_program(path, self._profile)
         except PostError as error:
             raise Refusal("FILE NOT READABLE", str(error)) from error
+        # After reading: a text that changes in between is not what was read, and text() notices.
+        if reason := self._gate(path):
+            raise Refusal("NOT VERIFIED", reason)
+        return program.text()
 
     def create(self, name: str, kind: str) -> Sink:
         """A new file."""

@@ -69,7 +69,7 @@ class PosixPort:
     def _check_parity(self) -> None:
         if termios is not None and self._device.parity != serial.PARITY_NONE:
             settings = termios.tcgetattr(self._file)
-            settings[0] |= termios.INPCK
+            settings[0] = (settings[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK)
             termios.tcsetattr(self._file, termios.TCSANOW, settings)
 
     def wait(self, seconds: float | None) -> bytes:

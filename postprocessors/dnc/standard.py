@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from postprocessors.dnc.engine import Engine
 from postprocessors.dnc.profile import Profile
-from postprocessors.dnc.store import Sink
+from postprocessors.dnc.store import Refusal, Sink
 from postprocessors.dnc.wire import CR, DC1, DC3, ESC, LF, LINE_END, NUL, is_text
 
 LONGEST_LINE = 4096
@@ -132,8 +132,7 @@ class StandardReceiver(Engine):
     def _character(self, character: int, now: float) -> None:
         if self._after_etx:
             if character == self._characters.eot:
-                self._sink.commit()
-                self._end()
+                self._keep(now)
             elif character not in (DC1, DC3):
                 self._refuse(character, "EOT after ETX", now)
             return
@@ -163,6 +162,14 @@ class StandardReceiver(Engine):
             self._line.append(character)
         elif character not in (DC1, DC3):
             self._refuse(character, "text, CR LF or ETX", now)
+
+    def _keep(self, now: float) -> None:
+        try:
+            self._sink.commit()
+        except Refusal as refusal:
+            self._fail(refusal.reason, "a name that is free", "Receive it under another name.", now, tell=False)
+        else:
+            self._end()
 
     def _refuse(self, character: int, expected: str, now: float) -> None:
         next_step = "Send the program again; look at baud rate, parity and cable if it happens again."

@@ -197,6 +197,25 @@ def test_the_rate_of_the_line_is_used(folder: Path) -> None:
     assert share and float(share[1]) >= 95.0
 
 
+def test_a_terminal_sees_bytes_blocks_rate_and_time_left(folder: Path) -> None:
+    shown = b""
+    master, slave = os.openpty()
+    settings = ("--set", "baud=19200")
+    with control("load=BLADE1", settings=settings):
+        command = [*MAIN, "dnc", "send", "BLADE1.H", "--send", "--port", "./tnc", *settings]
+        with subprocess.Popen(command, stderr=slave) as process:
+            os.close(slave)
+            while True:
+                try:
+                    shown += os.read(master, 65536)
+                except OSError:
+                    break
+    os.close(master)
+    assert process.returncode == 0
+    for word in ("send", "blocks", "kB", "/s", "0:00:0", "━"):
+        assert word in shown.decode(), word
+
+
 # --- what goes wrong ------------------------------------------------------------------------------------------------
 
 FAILURES = {
