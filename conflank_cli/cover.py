@@ -13,9 +13,13 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Gains this near to the largest count as equal; the more accurate sweep is then preferred.
 EQUAL = 0.99
+# So many of the largest sets are tried as a first choice.
+STARTS = 60
 
 
-def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, least: float) -> list[int]:
+def greedy_cover(
+    covers: BoolArray, areas: Array, errors: Array, target: float, least: float, first: int | None = None
+) -> list[int]:
     """Indices of sets that cover `target` of the area, each with the largest gain left.
 
     Parameters
@@ -25,6 +29,7 @@ def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
     errors: (K,), mean |g| of each set; decides between gains that are about equal.
     target: fraction of the whole area to reach.
     least: stop where no set adds this fraction of the area any more.
+    first: a set to begin with, whatever its gain.
 
     Sets that later choices made superfluous are taken out again. Does not promise the fewest sets.
     """
@@ -37,7 +42,7 @@ def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
         if largest <= 0.0 or largest < least * total:
             break
         equal = np.flatnonzero(gains >= EQUAL * largest)
-        best = int(equal[np.argmin(errors[equal])])
+        best = int(equal[np.argmin(errors[equal])]) if chosen or first is None else first
         chosen.append(best)
         left[covers[best]] = 0.0
     reached = areas[covers[chosen].any(axis=0)].sum() if chosen else 0.0
@@ -46,6 +51,29 @@ def greedy_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
         if rest and areas[covers[rest].any(axis=0)].sum() >= min(reached, target * total):
             chosen = rest
     return chosen
+
+
+def fewest_cover(covers: BoolArray, areas: Array, errors: Array, target: float, least: float) -> list[int]:
+    """The best of greedy covers that begin with each of the larger sets in turn.
+
+    A cover that reaches the target goes before one that does not, then the fewer sets, then the larger area. Never
+    worse than `greedy_cover`, whose arguments it takes. Does not promise the fewest sets of all.
+    """
+    greedy = greedy_cover(covers, areas, errors, target, least)
+    if not greedy:
+        return greedy
+    sizes = covers @ areas
+    starts = np.argsort(-sizes, kind="stable")[:STARTS]
+    starts = starts[sizes[starts] > 0.0]
+    candidates = [greedy, *(greedy_cover(covers, areas, errors, target, least, int(k)) for k in starts)]
+
+    def merit(chosen: list[int]) -> tuple[bool, float, float]:
+        area = float(areas[covers[chosen].any(axis=0)].sum() / areas.sum())
+        if area < target:
+            return (False, area, -float(len(chosen)))
+        return (True, -float(len(chosen)), area)
+
+    return max(candidates, key=merit)
 
 
 def shortlist(covers: BoolArray, areas: Array, errors: Array, count: int, least: float) -> list[int]:

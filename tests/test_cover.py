@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conflank_cli.cover import greedy_cover, shortlist
+from conflank_cli.cover import fewest_cover, greedy_cover, shortlist
 
 EVEN = np.ones(12)
 
@@ -104,3 +104,10 @@ def test_shortlist_takes_one_good_cover_after_the_other() -> None:
     # Point 3 alone is 8 % of the area and below the least gain.
     assert 4 not in shortlist(covers, EVEN, errors, 10, 0.09)
     assert 4 in shortlist(covers, EVEN, errors, 10, 0.05)
+
+
+def test_another_first_choice_can_save_a_set() -> None:
+    """The largest set is bait: it takes the middles of two halves, and three sets are needed where two would do."""
+    covers = sets(range(6), range(6, 12), [0, 1, 2, 3, 6, 7, 8, 9], [4, 5, 10])
+    assert len(greedy_cover(covers, EVEN, np.zeros(4), 1.0, 0.01)) == 3
+    assert sorted(fewest_cover(covers, EVEN, np.zeros(4), 1.0, 0.01)) == [0, 1]

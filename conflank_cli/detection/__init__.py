@@ -105,7 +105,9 @@ def _families(
         facts = {
             "lines": float(len(sequence.p)),
             "area_mm2": float(traced.cell_areas[traced.cells[family]].sum()),
-            "axis_error_mean_um": 1e3 * float(np.abs(sequence.error[sequence.on > 0.5]).mean()),
         }
+        on_face = sequence.error[sequence.on > 0.5]
+        if on_face.size:
+            facts["axis_error_mean_um"] = 1e3 * float(np.abs(on_face).mean())
         found.append((motion, facts))
     return found

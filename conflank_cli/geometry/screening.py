@@ -204,6 +204,16 @@ def _silhouette(sections: Array, ball: Array, margin: float, radii: Array) -> tu
     return np.where(there, rows[:, 2:].max(axis=1), 0.0).max(axis=1) + max(margin, 0.0), lowest
 
 
+def longest_between(motion: Motion, times: Array) -> Motion | None:
+    """The longest stretch of a motion that keeps SHORTEST / 2 mm of travel from every one of `times`, or None."""
+    length = travel(motion)
+    away = 0.5 * SHORTEST / length
+    edges = np.concatenate([[-away], np.sort(times), [1.0 + away]])
+    widest = int(np.argmax(np.diff(edges)))
+    start, end = float(edges[widest] + away), float(edges[widest + 1] - away)
+    return motion.restricted(start, end) if (end - start) * length >= SHORTEST else None
+
+
 def longest_run(free: BoolArray) -> tuple[int, int] | None:
     """First and last index of the longest run of True, or None."""
     change = np.diff(np.concatenate([[False], free, [False]]).astype(np.int8))

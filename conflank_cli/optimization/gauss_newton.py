@@ -115,10 +115,9 @@ def error_field(
     error, on, normal = np.empty((m, n)), np.empty((m, n)), np.empty((m, n, 3))
     if start is None:
         u, v = np.empty((m, n)), np.empty((m, n))
-        cold = face.projector.project(p + fractions[n // 2] * (q - p))
-        u[:, n // 2], v[:, n // 2] = cold.u, cold.v
-        _spread(u, n // 2)
-        _spread(v, n // 2)
+        # The kernel takes the first pose's middle sphere from here, and every other foot from its neighbour's.
+        cold = face.projector.project((p + fractions[n // 2] * (q - p))[:1])
+        u[0, n // 2], v[0, n // 2] = cold.u[0], cold.v[0]
     else:
         u, v = start.u.copy(), start.v.copy()
     motion_errors(
@@ -126,10 +125,6 @@ def error_field(
         u, v, error, normal, on, start is not None,
     )  # fmt: skip
     return AxisErrorField(error, on, u, v), normal, fractions
-
-
-def _spread(values: Array, column: int) -> None:
-    values[:] = values[:, column : column + 1]
 
 
 def sample_weights(field: AxisErrorField, limits: Limits, scale: float, barrier: bool) -> Array:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.cover import greedy_cover
+from conflank_cli.cover import fewest_cover
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
@@ -62,10 +62,16 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
         motion = screen.allowed(sweep.motion, tool)
         if motion is None:
             return None
-        gap = motion_gap(motion, tool, samples[sweep.face].points, tolerance.allowance)[0]
-        # Between the poses that were screened a sweep may still cut deeper; its swept gap has the last word.
+        points = samples[sweep.face].points
+        gap, time = motion_gap(motion, tool, points, tolerance.allowance)
+        # Between the poses and points of the screen a sweep may still cut deeper; its swept gap has the last word.
         if gap.min() < -over:
-            return None
+            motion = longest_between(motion, time[gap < -over])
+            if motion is None:
+                return None
+            gap = motion_gap(motion, tool, points, tolerance.allowance)[0]
+            if gap.min() < -over:
+                return None
         return _Judged(replace(sweep, motion=motion), gap, gap <= under)
 
     with progress.stage("select", len(sweeps)) as stage, ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -130,7 +136,7 @@ def _cover(items: list[_Judged], areas: Array, target: float) -> list[_Judged]:
     covers = np.array([item.covered for item in items])
     gaps = np.array([item.gap for item in items])
     errors = np.where(covers, np.abs(gaps), 0.0) @ areas / np.maximum(covers @ areas, 1e-12)
-    return [items[k] for k in greedy_cover(covers, areas, errors, target, LEAST_GAIN)]
+    return [items[k] for k in fewest_cover(covers, areas, errors, target, LEAST_GAIN)]
 
 
 def _report(face: int, chosen: list[_Judged], areas: Array) -> _FaceReport:

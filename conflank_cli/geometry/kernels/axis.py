@@ -13,6 +13,8 @@ from conflank_cli.geometry.kernels.footpoint import CLAMPED, FAILED, project
 
 # Weight of samples whose foot is off the face: enough to keep the line steady there, too little to pull it.
 OFF_FACE_WEIGHT = 0.01
+# Cost of turning while a line is followed: it decides where contact does not, and must not where contact does.
+STIFFNESS = 1e-3
 
 
 @njit(inline="always")
@@ -391,7 +393,7 @@ def trace_line(
         sign = 1.0 if side == 0 else -1.0
         off = 0
         for k in range(1, centre):
-            sweep_direction(p, d, heights, normal, error, on, scale, 0.02, velocity)
+            sweep_direction(p, d, heights, normal, error, on, scale, STIFFNESS, velocity)
             if k > 1:
                 turn = 0.0
                 for m in range(3):
