@@ -115,7 +115,9 @@ def test_nothing_is_called_utils() -> None:
     assert not [module for module in MODULES if module.rpartition(".")[2] in ("utils", "helpers", "misc", "common")]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "--help"], ["inspect", "--help"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["run", "--help"], ["inspect", "--help"], ["dnc", "send", "--help"]]
+)
 def test_help_loads_no_numerics(arguments: list[str]) -> None:
     """Help within 0.2 s: what is slow to import must wait until it is needed."""
     program = (
