@@ -1,10 +1,15 @@
 """The protocols against what the manuals print: the check character, transcripts, machine parameters."""
 
+import re
+from dataclasses import fields
+from pathlib import Path
+
 import pytest
 
 from postprocessors.dnc.blockwise import BlockwiseServer
-from postprocessors.dnc.profile import explain_mp5020, load_profile, shipped_profiles
+from postprocessors.dnc.profile import Profile, explain_mp5020, load_profile, shipped_profiles
 from postprocessors.dnc.program import check_drip, feed_limit, read_program
+from postprocessors.dnc.simulated_control import Faults
 from postprocessors.dnc.standard import StandardReceiver, StandardSender
 from postprocessors.dnc.wire import block_check, make_frame
 from postprocessors.errors import PostError
@@ -289,3 +294,14 @@ def test_a_program_that_changes_while_it_is_sent(tmp_path) -> None:
     path.write_bytes(path.read_bytes().replace(b"2999 L X+2999", b"2999 L X-2999"))
     with pytest.raises(PostError, match="changes while it is sent"):
         list(text)
+
+
+# --- documentation --------------------------------------------------------------------------------------------------
+
+
+def test_the_documentation_names_every_key_and_every_fault() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "dnc.md").read_text("utf-8")
+    for name in (*Profile.__struct_fields__, *(field.name for field in fields(Faults))):
+        assert re.search(rf"`{name}[`=]", text), name
+    for name in shipped_profiles():
+        assert f"`{name}`" in text
