@@ -2,7 +2,7 @@
 
 A line of the blind search is known to the field where some direction of the field at the same point, as it is or
 refined, is within `SAME` of it. Lines that are not are put into families: neighbouring samples, directions within
-`SAME`. Each family gets the explanation that fits most of its lines.
+`LINKED`. Each family gets the explanation that fits most of its lines.
 """
 
 from __future__ import annotations
@@ -25,16 +25,18 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 SAME = np.radians(10.0)
+# From one sample to the next a family may turn by this much.
+LINKED = np.radians(20.0)
 # Two asymptotic directions closer than this are about to merge, which is where second order says least.
 MERGING = np.radians(25.0)
 # Room that is left where the offset is about to fold, as a share: the field leaves such points out.
 NO_ROOM = 0.02
 
-NO_SPHERE = "the sphere does not fit (1 - rho kappa <= 0)"
-EDGE = "overhang: contact away from the middle of what touches"
-FLAT = "within tolerance though curved: a fan of directions"
-MERGE = "two asymptotic directions merge"
-ELLIPTIC = "elliptic offset: no asymptotic direction"
+NO_SPHERE = "sphere does not fit"
+EDGE = "overhang"
+FLAT = "bend within tolerance"
+MERGE = "directions merge"
+ELLIPTIC = "elliptic offset"
 THIRD = "beyond second order"
 
 
@@ -46,14 +48,17 @@ class Family:
     ----------
     why: the explanation of most of them.
     lines: how many.
-    area: mm2 of the samples they go through; alone: of those that no line of the map reaches.
+    through: the samples they go through. alone: those of them that no line of the map reaches.
+    area: mm2 of the samples they go through; area_alone: of those alone.
     curvature: median of |second derivative of the distance along the line|, 1/mm.
     """
 
     why: str
     lines: int
+    through: IntArray
+    alone: IntArray
     area: float
-    alone: float
+    area_alone: float
     curvature: float
 
     def row(self) -> dict[str, Any]:
@@ -62,7 +67,7 @@ class Family:
             "why": self.why,
             "lines": self.lines,
             "area_mm2": round(self.area, 2),
-            "alone_mm2": round(self.alone, 2),
+            "alone_mm2": round(self.area_alone, 2),
             "curvature_1_m": round(1e3 * self.curvature, 3),
         }
 
@@ -97,6 +102,8 @@ def blind_families(
             Family(
                 Counter(np.array(why)[mine].tolist()).most_common(1)[0][0],
                 int(mine.sum()),
+                through,
+                alone,
                 float(samples.areas[through].sum()),
                 float(samples.areas[alone].sum()),
                 float(np.median(curvature[mine])),
@@ -119,7 +126,7 @@ def _nearest(index: IntArray, d: Array, other: IntArray, directions: Array) -> A
 
 
 def _components(samples: FaceSamples, index: IntArray, d: Array) -> IntArray:
-    """Number of the family of each line: neighbours in the grid of samples with directions within `SAME`."""
+    """Number of the family of each line: neighbours in the grid of samples with directions within `LINKED`."""
     by_cell: dict[tuple[int, int], list[int]] = {}
     cells = samples.cell[index]
     for k, (i, j) in enumerate(cells):
@@ -129,7 +136,7 @@ def _components(samples: FaceSamples, index: IntArray, d: Array) -> IntArray:
         for di, dj in ((0, 0), (0, 1), (1, -1), (1, 0), (1, 1)):
             others = by_cell.get((i + di, j + dj), [])
             if others:
-                a, b = np.nonzero(d[mine] @ d[others].T > np.cos(SAME))
+                a, b = np.nonzero(d[mine] @ d[others].T > np.cos(LINKED))
                 pairs.append(np.stack([np.array(mine)[a], np.array(others)[b]]))
     links = np.concatenate(pairs, axis=1)
     graph = coo_matrix((np.ones(links.shape[1]), (links[0], links[1])), shape=(len(index), len(index)))
