@@ -10,6 +10,7 @@ import numpy as np
 
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import seed_lines
+from conflank_cli.detection.ruled_fit import fit_motion
 from conflank_cli.detection.spreading import spread
 from conflank_cli.detection.tracing import sphere_heights, trace
 from conflank_cli.errors import NumericalError
@@ -53,6 +54,8 @@ SCREEN_SPACING = 1.2
 AREA_SAMPLES = 40000
 
 
+# So many of the largest families also come slid to where the flute covers most; the others show what else there is.
+SPREAD = 12
 # Points of the face on which a sequence is spread over it, about.
 SPREAD_SAMPLES = 1500
 
@@ -97,10 +100,8 @@ def _families(
     traced = trace(face, tool, seeds, dense, screen, limits)
     families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()))[: density.families]
     samples = face.samples(face.spacing(SPREAD_SAMPLES))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        motions = list(pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), families))
     found = []
-    for family, motion in zip(families, motions, strict=True):
+    for family in families:
         sequence = traced.sequences[family]
         facts = {
             "lines": float(len(sequence.p)),
@@ -109,5 +110,9 @@ def _families(
         on_face = sequence.error[sequence.on > 0.5]
         if on_face.size:
             facts["axis_error_mean_um"] = 1e3 * float(np.abs(on_face).mean())
-        found.append((motion, facts))
+        found.append((fit_motion(sequence.p, sequence.d, tool.length), facts))
+    largest = families[:SPREAD]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        wider = pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), largest)
+        found.extend((motion, facts) for motion, (_, facts) in zip(wider, found, strict=False) if motion is not None)
     return found

@@ -22,14 +22,15 @@ ROUNDS = 2
 ITERATIONS, SCALE, DAMPING = 4, 1.5, 1e-3
 
 
-def spread(face: WorkFace, tool: Tool, sequence: Sequence, samples: FaceSamples, limits: Limits) -> Motion:
-    """The motion through a sequence, its lines slid along the contact so that the flute covers more of the face.
+def spread(face: WorkFace, tool: Tool, sequence: Sequence, samples: FaceSamples, limits: Limits) -> Motion | None:
+    """The motion through a sequence with its lines slid so that the flute covers more; None if none would.
 
     Tracing keeps a line where it is along its own contact, a soft mode that costs nothing; so the flute may overhang
     the face at one end while the other end does not reach the edge. Does not promise that the motion covers more than
     the sequence where sliding leaves the tolerance: the optimisation decides then.
     """
     motion = fit_motion(sequence.p, sequence.d, tool.length)
+    moved: Motion | None = None
     heights = sphere_heights(tool)
     radii = np.asarray(tool.sphere_radius(heights) + limits.allowance)
     middle = len(heights) // 2
@@ -45,5 +46,5 @@ def spread(face: WorkFace, tool: Tool, sequence: Sequence, samples: FaceSamples,
             *face.projector.spans, face.sense, face.raster, p, d, heights, radii, middle, start.u, start.v,
             SCALE * limits.under, ITERATIONS, DAMPING,
         )  # fmt: skip
-        motion = fit_motion(p, d, tool.length)
-    return motion
+        motion = moved = fit_motion(p, d, tool.length)
+    return moved

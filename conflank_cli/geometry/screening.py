@@ -131,7 +131,8 @@ class Screen:
             scene.job,
             PointCells.of(points),
             PointCells.of(mesh_points(scene.check, spacing)),
-            Margins(allowance - over, allowance, margin.holder + RESERVE),
+            # The shank leaves the top of the cone tangentially: what the cone may overcut, it overcuts too.
+            Margins(allowance - over, allowance - over, margin.holder + RESERVE),
             Margins(-over, margin.shank + RESERVE, margin.holder + RESERVE),
         )
 
