@@ -100,8 +100,10 @@ def _families(
     traced = trace(face, tool, seeds, dense, screen, limits)
     families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()))[: density.families]
     samples = face.samples(face.spacing(SPREAD_SAMPLES))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        wider = list(pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), families[:SPREAD]))
     found = []
-    for family in families:
+    for rank, family in enumerate(families):
         sequence = traced.sequences[family]
         facts = {
             "lines": float(len(sequence.p)),
@@ -111,8 +113,6 @@ def _families(
         if on_face.size:
             facts["axis_error_mean_um"] = 1e3 * float(np.abs(on_face).mean())
         found.append((fit_motion(sequence.p, sequence.d, tool.length), facts))
-    largest = families[:SPREAD]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        wider = pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), largest)
-        found.extend((motion, facts) for motion, (_, facts) in zip(wider, found, strict=False) if motion is not None)
+        if rank < SPREAD and (motion := wider[rank]) is not None:
+            found.append((motion, facts))
     return found
