@@ -22,6 +22,7 @@ EXIT_BROKEN_PIPE = 141
 
 COMMANDS = {
     "inspect": "conflank_cli.commands.inspect_:inspect",
+    "reach": "conflank_cli.commands.reach:reach",
     "detect": "conflank_cli.commands.detect:detect",
     "optimize": "conflank_cli.commands.optimize:optimize",
     "select": "conflank_cli.commands.select:select",

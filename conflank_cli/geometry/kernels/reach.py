@@ -7,8 +7,9 @@ from numba import njit, prange
 
 from conflank_cli.geometry.kernels.axis import across, axis_errors
 
-# Steps of the refinement; after the plain ones the largest errors weigh most, so that it tends to the least maximum.
-PLAIN_STEPS, STEPS = 3, 8
+# Steps of the refinement: after the plain ones the largest errors weigh most, so that it tends to the least maximum;
+# the last one only shifts.
+PLAIN_STEPS, STEPS = 3, 9
 # A line this many times worse than the best so far after the plain steps is given up.
 HOPELESS = 6.0
 DAMPING = 1e-6
@@ -85,6 +86,17 @@ def refine_through(
             line[3:] = d
         if step == STEPS or (step == PLAIN_STEPS and best > hopeless):
             break
+        if step == STEPS - 1:
+            # The shift alone moves all errors alike: share what is left between overcut and stock.
+            stock = -np.inf
+            overcut = np.inf
+            for j in range(count):
+                if on[j] > 0.5:
+                    overcut = min(overcut, error[j])
+                    if first <= j < first + least:
+                        stock = max(stock, error[j])
+            shift -= 0.5 * (stock + overcut)
+            continue
         e1, e2 = across(d)
         matrix[:] = 0.0
         right[:] = 0.0

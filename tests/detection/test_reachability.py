@@ -1,0 +1,94 @@
+"""The reachability map against closed forms."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+import pytest
+
+from benchmarks.envelopes import cylinder
+from conflank_cli.detection.reachability import reachability
+from conflank_cli.detection.tracing import SPHERES
+from conflank_cli.geometry.footpoint import Projector
+from conflank_cli.tool import CATALOGUE
+from tests.faces import envelope, interpolated, round_face, stacked, work
+
+Array = np.ndarray
+CYLINDER = cylinder()
+RADIUS = 40.0
+
+
+def ball_cap(u: Array, v: Array) -> Array:
+    """A piece of a sphere about the origin, seen from outside along z."""
+    return stacked(u, v, np.sqrt(RADIUS**2 - u**2 - v**2))
+
+
+@pytest.mark.parametrize("engaged", [1.0 / 3.0, 2.0 / 3.0])
+def test_on_a_sphere_the_error_is_half_the_sagitta_of_the_window(engaged: float) -> None:
+    """Every line is as good as any other: at distance a from the centre the distance to the sphere runs, over a window
+    of half length w, from a to sqrt(a² + w²), and the best line shares that range between overcut and stock left."""
+    face = work(interpolated(ball_cap, (-14.0, 14.0), (-14.0, 14.0)), 1, 20.0)
+    samples = face.samples(7.0)
+    found = reachability(face, CYLINDER, samples, engaged=engaged)
+    run = round(engaged * SPHERES)
+    spacing = CYLINDER.length / (SPHERES - 1)
+    # An even run of spheres has none at its middle: the nearest ones are half a spacing off.
+    half, nearest = 0.5 * (run - 1) * spacing, 0.5 * spacing
+    a = RADIUS + CYLINDER.r_min
+    middle = np.linalg.norm(samples.uv, axis=1) < 6.0
+    expected = 0.5 * (sqrt(a * a + half * half) - sqrt(a * a + nearest * nearest))
+    assert np.all(found.error[middle] > 0.995 * expected)
+    assert np.all(found.error[middle] < 1.02 * expected)
+
+
+def test_a_cylinder_lies_along_the_rulings_of_a_cylinder() -> None:
+    """Every point is reached exactly, along the whole flute, by the parallel through it."""
+    face = work(round_face(RADIUS, height=40.0), 1, 20.0)
+    samples = face.samples(8.0)
+    found = reachability(face, CYLINDER, samples, engaged=0.9)
+    assert found.error.max() < 1e-6
+    inner = np.abs(samples.uv[:, 1] - 20.0) < 8.0
+    assert np.abs(found.d[inner, 2]).min() > 1.0 - 1e-6
+    # The line found does touch at the point: its sphere there is as far from it as its radius.
+    centre = found.p + found.height[:, None] * found.d
+    assert np.abs(np.linalg.norm(centre - samples.points, axis=1) - CYLINDER.r_min).max() < 1e-6
+
+
+def test_an_exact_envelope_is_reached_over_the_flute() -> None:
+    tool = CATALOGUE["T1"]
+    case = envelope(tool)
+    face = work(case.surface, case.sense, 0.7 * tool.length)
+    samples = face.samples(5.0)
+    found = reachability(face, tool, samples, engaged=0.75)
+    assert found.share(0.002) > 0.95
+    assert found.footpoints / len(samples.areas) < 5000
+
+
+def test_no_line_fits_into_a_bore_narrower_than_the_tool() -> None:
+    face = work(round_face(2.9, height=20.0), -1, 8.0)
+    found = reachability(face, CYLINDER, face.samples(3.0))
+    assert np.all(np.isinf(found.error))
+    assert found.share(1.0) == 0.0
+
+
+def test_the_error_reported_is_that_of_the_line_reported() -> None:
+    """Recomputed from p and d with cold projections."""
+    tool = CATALOGUE["T3"]
+    face = work(interpolated(lambda u, v: stacked(u, v, 0.012 * u * v), (-20.0, 20.0), (-20.0, 20.0)), 1, 20.0)
+    samples = face.samples(9.0)
+    found = reachability(face, tool, samples)
+    plain = Projector.of(face.face.surface)
+    low, high = tool.centre_range
+    heights = np.linspace(low, high, SPHERES)
+    for k in range(len(samples.areas)):
+        feet = plain.project(found.p[k] + heights[:, None] * found.d[k])
+        error = feet.distance - tool.sphere_radius(heights)
+        there = feet.flag == 1
+        contact = int(np.argmin(np.abs(heights - found.height[k])))
+        runs = [
+            max(np.abs(error[a : a + 8]).max(), -error[there].min())
+            for a in range(SPHERES - 7)
+            if a <= contact < a + 8 and there[a : a + 8].all()
+        ]
+        assert min(runs) == pytest.approx(found.error[k], abs=1e-6)
