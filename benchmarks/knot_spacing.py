@@ -20,8 +20,9 @@ from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.gap import travel
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
-from conflank_cli.optimization.gauss_newton import Limits, Step, Weights, minimise
+from conflank_cli.optimization.gauss_newton import Step, Weights, minimise
 from conflank_cli.optimization.task import STIFFEST
 from conflank_cli.tool import CATALOGUE
 
