@@ -372,7 +372,7 @@ def blades(console: Console, points: int, density: Density) -> tuple[list[Verdic
     differs = max(float(compared.differs[-1]) for compared in asked)
     hardest = max(float(compared.differs.max()) for compared in every)
     least = min(row["detected_of_reachable"] for row in rows)
-    ratio = min(compared.footpoints[1] / max(compared.footpoints[0], 1) for compared in every)
+    ratio = min(compared.footpoints[1] / max(compared.footpoints[0], 1) for compared in asked)
     verdicts = [
         Verdict("map differs from blind search, % of area", "<= 1", f"{100 * differs:.2f}", differs <= MAP_DIFFERS),
         Verdict("the same, at any tolerance, whole flute too", "", f"{100 * hardest:.2f}", True),
