@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from conflank_cli import options
+from conflank_cli.commands.wiring import DEFAULT_PROFILE, read_profile
 from conflank_cli.options import Talk
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ ACTIONS = ("load=NAME", "save=NAME", "load-all", "save-all", "directory", "fe1-d
 @click.command(epilog="\b\nExample:\n  conflank dnc simulate save=BLADE1.H --link ./tnc")
 @click.argument("actions", metavar="ACTION...", nargs=-1, required=True)
 @click.option(
-    "--profile", "profile_name", metavar="NAME", default="itnc530-standard", show_default=True, help="As for send."
+    "--profile", "profile_name", metavar="NAME", default=DEFAULT_PROFILE, show_default=True, help="As for send."
 )
 @click.option("--set", "changes", metavar="KEY=VALUE", multiple=True, help="Another value for a key of the profile.")
 @click.option("--link", metavar="FILE", help="Name under which the port is found, besides its own.")
@@ -50,7 +51,6 @@ def simulate(
     a program into the control, save=NAME outputs one; load-all, save-all, directory and fe1-directory work blockwise.
     Rate and handshake by characters are as on a line; parity and RTS/CTS cannot be simulated.
     """
-    from conflank_cli.commands.dnc import read_profile
     from conflank_cli.errors import EXIT_DEVICE, EXIT_DONE
     from postprocessors.dnc.simulated_control import Setup, SimulatedControl
     from postprocessors.dnc.simulated_port import PseudoTerminal
