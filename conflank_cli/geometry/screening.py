@@ -25,9 +25,8 @@ BoolArray = npt.NDArray[np.bool_]
 STEP = 1.0
 # Poses from which that distance is taken.
 COARSE = 33
-# Check geometry is sampled at most this far apart, mm, and thinned to half of that: between samples a ball of radius
-# 1.5 in a fillet of radius 2 could cut 3 µm deeper, less than verification, which samples on its own, tells from a
-# gouge.
+# Points are at most this far apart, mm, and thinned to half of that: between them a ball of radius 1.5 in a fillet of
+# radius 2 could cut some 4 µm deeper, 7 µm at worst. Verification samples on its own and has the last word.
 POINT_SPACING = 0.4
 # Shank and holder keep this much more than their margins, mm, for what lies between the poses and points looked at.
 RESERVE = 0.02
