@@ -29,7 +29,7 @@ from benchmarks.run import PARTS, REPOSITORY, SEED, TABLE_WIDTH
 from conflank_cli import job as jobs
 from conflank_cli.cad.reader import read_part
 from conflank_cli.cad.scene import resolve_faces
-from conflank_cli.detection import DENSITIES, MARGIN, detect
+from conflank_cli.detection import DENSITIES, detect
 from conflank_cli.detection.reachability import Reachability, reachability
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.gap import motion_gap
@@ -285,7 +285,7 @@ def compare(found: Reachability, search: BlindSearch, blind_error: Array, blind_
 def blade(flank: Flank, tool: Tool, points: int, density: Density) -> dict[str, Any]:
     """Everything the table of real blades says of one face and tool."""
     design = load(flank)
-    face = WorkFace.of(design, MARGIN * tool.length)
+    face = WorkFace.under(design, tool)
     samples = face.samples(face.spacing(points))
     row: dict[str, Any] = {"face": flank.name, "tool": tool.name, "points": len(samples.uv)}
     comparisons, families = [], []

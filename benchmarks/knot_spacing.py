@@ -32,7 +32,6 @@ SEED = 2018
 CASES = 3  # random motions for each tool
 SPACINGS = (8.0, 6.0, 4.0, 3.0, 2.0)  # mm of travel between control points
 STEPS = 12  # of Gauss-Newton; the last ones move nothing any more
-MARGIN = 0.7  # of the flute; the cutter overhangs the face, as in the stages
 POINTS = 1500
 
 
@@ -40,7 +39,7 @@ def settled(case: EnvelopeCase, spacing: float) -> Motion:
     """The optimised motion with a control point every `spacing` mm, from a fit of the exact one."""
     u0, u1, v0, v1 = case.surface.domain
     border = np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
-    face = WorkFace.of(DesignFace(0, "envelope", case.surface, (border,), case.sense), MARGIN * case.tool.length)
+    face = WorkFace.under(DesignFace(0, "envelope", case.surface, (border,), case.sense), case.tool)
     times = np.linspace(0.0, 1.0, len(case.t))
     ends = np.hstack([case.p, case.q])
     count = round(travel(fitted(times, ends, 64)) / spacing) + 3

@@ -148,7 +148,7 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("detection.tracing", "SPHERES", "spheres along the flute on which a line is judged"),
     ("detection.tracing", "STEP", "mm from line to line of a sequence"),
     ("detection", "SMALLEST", "share of the face below which a sequence is dropped"),
-    ("detection", "MARGIN", "share of the flute by which the surface is continued"),
+    ("geometry.workface", "OVERHANG", "share of the flute by which the surface is continued"),
     ("detection.ruled_fit", "SPACING", "mm between control points of a detected motion"),
     ("optimization.task", "PAPER_STEPS", "steps with the paper's weights"),
     ("optimization.task", "FADE_STEPS", "steps in which μ₂ and μ₅ fade"),

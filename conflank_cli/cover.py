@@ -13,8 +13,15 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Gains this near to the largest count as equal; the more accurate sweep is then preferred.
 EQUAL = 0.99
+# Keeps the mean over no area defined, mm2.
+LEAST_AREA = 1e-12
 # So many of the largest sets are tried as a first choice.
 STARTS = 60
+
+
+def mean_errors(covers: BoolArray, gaps: Array, areas: Array) -> Array:
+    """Mean |g| (K,) of each set over the area that it covers, from gaps (K, N); 0 where it covers nothing."""
+    return np.asarray(np.where(covers, np.abs(gaps), 0.0) @ areas / np.maximum(covers @ areas, LEAST_AREA))
 
 
 def greedy_cover(

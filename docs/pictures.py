@@ -28,7 +28,6 @@ from scipy.ndimage import distance_transform_edt
 from conflank_cli.artifacts.npz import read_artifact
 from conflank_cli.cad.reader import read_part
 from conflank_cli.geometry.workface import WorkFace
-from conflank_cli.optimization import MARGIN
 from conflank_cli.optimization.gauss_newton import error_field
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -290,7 +289,7 @@ def axis_error_picture(sample: Sample) -> Figure:
     index = max(range(len(sample.plan)), key=lambda k: sample.plan[k].facts["covered_area_mm2"])
     sweep = sample.plan[index]
     tool = next(tool for tool in sample.scene.tools if tool.name == sweep.tool)
-    face = WorkFace.of(sample.scene.faces[sweep.face], MARGIN * tool.length)
+    face = WorkFace.under(sample.scene.faces[sweep.face], tool)
     field, _, fractions = error_field(face, tool, sweep.motion, sample.scene.job.tolerance.allowance, (401, 121))
     error = 1e3 * np.where(field.on > 0.5, field.error, np.nan)
     figure = Figure(figsize=(10.0, 5.0), dpi=DPI, facecolor="white")

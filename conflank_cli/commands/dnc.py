@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from postprocessors.dnc.profile import Profile
     from postprocessors.dnc.program import Program
 
-LOOP_ROUNDS = 3
-LOOP_WAIT_S = 2.0
-
 
 @click.group(epilog="\b\nExample:\n  conflank dnc send BLADE1.H")
 def dnc() -> None:

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 
 from conflank_cli.commands.tables import text_table
-from conflank_cli.detection import MARGIN
 from conflank_cli.detection.reachability import Reachability, reachability
 from conflank_cli.errors import UsageError
 from conflank_cli.geometry.workface import WorkFace
@@ -56,7 +55,7 @@ def reach_maps(scene: Scene, points: int, progress: Progress) -> list[ReachMap]:
     with progress.stage("reach", len(scene.faces) * len(scene.tools) * len(ENGAGED)) as stage:
         for design in scene.faces:
             for tool in scene.tools:
-                face = WorkFace.of(design, MARGIN * tool.length)
+                face = WorkFace.under(design, tool)
                 samples = face.samples(face.spacing(points))
                 for label, share in ENGAGED:
                     found = reachability(face, tool, samples, scene.job.tolerance.allowance, share)

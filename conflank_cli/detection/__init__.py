@@ -44,16 +44,12 @@ DENSITIES = {
     "exhaustive": Density(600, (0.05, 0.25, 0.5, 0.75, 0.95), 0.85, 400),
 }
 
-# How far the surface is continued past the face, as a share of the flute: a cutter rarely overhangs by more.
-MARGIN = 0.7
 # Sequences that cover less than this share of the face are not worth a sweep.
 SMALLEST = 0.004
 # Points that candidates are screened with are this far apart, mm; what is optimised later is screened more finely.
 SCREEN_SPACING = 1.2
 # Samples that give the raster cells their areas, about.
 AREA_SAMPLES = 40000
-
-
 # So many of the largest families also come slid to where the flute covers most; the others show what else there is.
 SPREAD = 12
 # Points of the face on which a sequence is spread over it, about.
@@ -74,7 +70,7 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):
             for tool in scene.tools:
-                face = WorkFace.of(design, MARGIN * tool.length)
+                face = WorkFace.under(design, tool)
                 found = _families(face, tool, density, screen, limits)
                 sweeps.extend(Sweep(index, tool.name, motion, facts) for motion, facts in found)
                 stage.advance()

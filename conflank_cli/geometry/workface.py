@@ -11,6 +11,7 @@ import numpy.typing as npt
 from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.kernels.polygon import inside_even_odd
+from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 
@@ -19,6 +20,8 @@ Array = npt.NDArray[np.float64]
 RASTER = 384
 # Spacing of the samples that measure the area of a face, mm.
 COARSE = 2.0
+# How far the surface is continued past the face for a cutter, as a share of its flute: it rarely overhangs by more.
+OVERHANG = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,11 @@ class WorkFace:
     projector: Projector
     sense: float
     raster: Array
+
+    @classmethod
+    def under(cls, face: DesignFace, tool: Tool) -> WorkFace:
+        """Prepare a face for a cutter that overhangs it."""
+        return cls.of(face, OVERHANG * tool.length)
 
     @classmethod
     def of(cls, face: DesignFace, margin: float) -> WorkFace:

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from conflank_cli.cover import shortlist
+from conflank_cli.cover import mean_errors, shortlist
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
@@ -23,8 +23,6 @@ from conflank_cli.sweep import Sweep
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-# How far the surface is continued past the face, as a share of the flute; as in detection.
-MARGIN = 0.7
 # Points that the covered area of one sweep is judged on.
 POINTS = 2500
 # Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
@@ -51,7 +49,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
     tasks: dict[tuple[int, str], Task] = {}
     for key in sorted({(sweep.face, sweep.tool) for sweep in sweeps}):
         tool = tools[key[1]]
-        face = WorkFace.of(scene.faces[key[0]], MARGIN * tool.length)
+        face = WorkFace.under(scene.faces[key[0]], tool)
         samples = face.samples(face.spacing(POINTS))
         tasks[key] = Task(face, tool, samples, screen, limits, weights, keys.samples, keys.polish, keys.grow)
 
@@ -96,9 +94,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
 def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> list[int]:
     covers = np.array([task.covered(gap) for gap in gaps])
     areas = task.samples.areas
-    covered = covers @ areas
-    errors = np.where(covers, np.abs(gaps), 0.0) @ areas / np.maximum(covered, 1e-12)
-    return shortlist(covers, areas, errors, REFINED, LEAST_GAIN)
+    return shortlist(covers, areas, mean_errors(covers, gaps, areas), REFINED, LEAST_GAIN)
 
 
 def _facts(solution: Solution, limits: Limits) -> dict[str, float]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.cover import fewest_cover
+from conflank_cli.cover import fewest_cover, mean_errors
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import WorkFace
@@ -135,7 +135,7 @@ def _cover(items: list[_Judged], areas: Array, target: float) -> list[_Judged]:
         return []
     covers = np.array([item.covered for item in items])
     gaps = np.array([item.gap for item in items])
-    errors = np.where(covers, np.abs(gaps), 0.0) @ areas / np.maximum(covers @ areas, 1e-12)
+    errors = mean_errors(covers, gaps, areas)
     return [items[k] for k in fewest_cover(covers, areas, errors, target, LEAST_GAIN)]
 
 

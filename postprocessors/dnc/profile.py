@@ -9,6 +9,7 @@ import msgspec
 
 from postprocessors.dnc.wire import DC1, DC3, Characters
 from postprocessors.errors import PostError
+from postprocessors.shipped import read_shipped, shipped_names
 
 MOST_RETRIES = 15
 """After as many NAKs the control itself gives up."""
@@ -161,7 +162,7 @@ _SHIPPED = Path(__file__).parent / "profiles"
 
 def shipped_profiles() -> tuple[str, ...]:
     """Names of the profiles that come with the program."""
-    return tuple(sorted(path.stem for path in _SHIPPED.glob("*.toml")))
+    return shipped_names(_SHIPPED)
 
 
 def load_profile(name_or_path: str | Path, changes: dict[str, str] | None = None) -> Profile:
@@ -173,19 +174,8 @@ def load_profile(name_or_path: str | Path, changes: dict[str, str] | None = None
     ------
     PostError: no such profile, unreadable TOML, unknown or impossible values.
     """
-    text = str(name_or_path)
-    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
-        path = Path(name_or_path)
-    else:
-        path = _SHIPPED / f"{text}.toml"
-        if not path.is_file():
-            names = ", ".join(shipped_profiles())
-            raise PostError("profile", f"'{text}'", f"one of {names}", "Name one of these or give the path of a file.")
-    try:
-        content = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PostError(str(path), f"no readable file ({error})", "a profile", "Check its path.") from error
-    return parse_profile(content, path.name, changes)
+    content, where = read_shipped(name_or_path, _SHIPPED, "profile", "a profile")
+    return parse_profile(content, where, changes)
 
 
 def parse_profile(content: str, where: str, changes: dict[str, str] | None = None) -> Profile:

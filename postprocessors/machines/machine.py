@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from postprocessors.errors import PostError
+from postprocessors.shipped import read_shipped, shipped_names
 
 Vector = tuple[float, float, float]
 PARALLEL_SINE = 1e-3
@@ -97,7 +98,7 @@ _SHIPPED = Path(__file__).parent
 
 def shipped_machines() -> tuple[str, ...]:
     """Names of the machines that come with the program."""
-    return tuple(sorted(path.stem for path in _SHIPPED.glob("*.toml")))
+    return shipped_names(_SHIPPED)
 
 
 def load_machine(name_or_path: str | Path) -> Machine:
@@ -107,19 +108,8 @@ def load_machine(name_or_path: str | Path) -> Machine:
     ------
     PostError: no such machine, unreadable TOML, unknown or impossible values.
     """
-    text = str(name_or_path)
-    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
-        path = Path(name_or_path)
-    else:
-        path = _SHIPPED / f"{text}.toml"
-        if not path.is_file():
-            names = ", ".join(shipped_machines())
-            raise PostError("machine", f"'{text}'", f"one of {names}", "Name one of these or give the path of a file.")
-    try:
-        content = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise PostError(str(path), f"no readable file ({error})", "a machine file", "Check its path.") from error
-    return parse_machine(content, path.name)
+    content, where = read_shipped(name_or_path, _SHIPPED, "machine", "a machine file")
+    return parse_machine(content, where)
 
 
 def parse_machine(content: str, where: str) -> Machine:
