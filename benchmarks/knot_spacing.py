@@ -22,8 +22,9 @@ from conflank_cli.geometry.gap import travel
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
-from conflank_cli.optimization.gauss_newton import Step, Weights, minimise
+from conflank_cli.optimization.gauss_newton import Step, minimise
 from conflank_cli.optimization.task import STIFFEST
+from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import CATALOGUE
 
 Array = npt.NDArray[np.float64]

@@ -157,6 +157,7 @@ class Optimization(Struct, frozen=True, forbid_unknown_fields=True):
     mu5: NotNegative = 0.1
     samples: tuple[Samples, Samples] = (100, 30)
     polish: bool = True
+    norm: Literal[2, 4, 8, 16, 32, "max"] = 2
     grow: bool = True
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import cos, factorial, sin
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from conflank_cli.geometry.kernels.swept_gap import swept_gap
+from conflank_cli.geometry.kernels.swept_gap import gap_gradients, swept_gap, swept_gap_near
 from conflank_cli.motion import DEGREE, Motion
 from conflank_cli.tool import Tool
 
@@ -21,6 +22,22 @@ STEP = 1.0
 REACH = 0.25
 
 
+@dataclass(frozen=True, slots=True)
+class GapField:
+    """The swept gap of a motion on points, and how it changes with the motion.
+
+    Attributes
+    ----------
+    gap: g less allowance, shape (N,), mm.
+    time: t of the pose that gives it, shape (N,).
+    rows: gradient of g by p(t) and q(t), shape (N, 6); zero on the axis itself, where there is none.
+    """
+
+    gap: Array
+    time: Array
+    rows: Array
+
+
 def motion_gap(
     motion: Motion, tool: Tool, points: Array, allowance: float = 0.0, reach: float = REACH, step: float = STEP
 ) -> tuple[Array, Array]:
@@ -29,18 +46,51 @@ def motion_gap(
     Where it is above `reach` it is only bounded from above, by the sampled poses. `step` is that of the first look, mm:
     a motion that slows down and turns at an end has minima closer together than the usual one can tell.
     """
+    gap, time = np.empty(len(points)), np.empty(len(points))
+    swept_gap(
+        *_polynomials(motion), _looks(motion, step), np.ascontiguousarray(points), allowance + reach, _cutter(tool),
+        gap, time,
+    )  # fmt: skip
+    return gap - allowance, time
+
+
+def gap_field(
+    motion: Motion, tool: Tool, points: Array, allowance: float = 0.0, start: Array | None = None, reach: float = REACH
+) -> GapField:
+    """The swept gap with its gradient by the motion (Danskin's theorem: that of the pose that gives it).
+
+    start: times (N,) near which the poses are looked for, from a field of nearly the same motion; without it, or to be
+    sure of the least gap, the whole motion is looked at.
+    """
+    polynomials, breaks = _polynomials(motion)
+    cutter, points = _cutter(tool), np.ascontiguousarray(points)
+    rows = np.empty((len(points), 6))
+    if start is None:
+        gap, time = motion_gap(motion, tool, points, allowance, reach)
+    else:
+        gap, time = np.empty(len(points)), start.copy()
+        swept_gap_near(polynomials, breaks, 1.0 / _looks(motion, STEP), points, cutter, gap, time)
+        gap -= allowance
+    gap_gradients(polynomials, breaks, points, time, cutter, rows)
+    return GapField(gap, time, rows)
+
+
+def _polynomials(motion: Motion) -> tuple[Array, Array]:
+    """The motion as the kernels read it: polynomials (spans, 4, 6) in each span's local parameter, breaks."""
     breaks = np.unique(motion.knots)
     spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
     width = np.diff(breaks)[:, None]
-    polynomials = np.stack(
-        [spline(breaks[:-1], nu=order) * width**order / factorial(order) for order in range(DEGREE + 1)], axis=1
-    )
-    samples = max(int(np.ceil(travel(motion) / step)), 8)
+    orders = range(DEGREE + 1)
+    return np.stack([spline(breaks[:-1], nu=k) * width**k / factorial(k) for k in orders], axis=1), breaks
+
+
+def _cutter(tool: Tool) -> Array:
     alpha = tool.half_angle
-    cutter = np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
-    gap, time = np.empty(len(points)), np.empty(len(points))
-    swept_gap(polynomials, breaks, samples, np.ascontiguousarray(points), allowance + reach, cutter, gap, time)
-    return gap - allowance, time
+    return np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
+
+
+def _looks(motion: Motion, step: float) -> int:
+    return max(int(np.ceil(travel(motion) / step)), 8)
 
 
 def travel(motion: Motion) -> float:

@@ -14,8 +14,10 @@ from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
-from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField, Solution, Weights
+from conflank_cli.optimization.envelope_polish import Points
+from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField, Solution
 from conflank_cli.optimization.task import Task
+from conflank_cli.optimization.terms import Weights
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -25,6 +27,8 @@ _Result = TypeVar("_Result")
 
 # Points that the covered area of one sweep is judged on.
 POINTS = 2500
+# Points that sweeps are polished on: about so many, and no further apart than this, mm, but not more than the last.
+POLISH_POINTS, POLISH_SPACING, MOST_POINTS = 4000, 0.8, 20000
 # Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
 SCREEN_SPACING = 0.8
 # Sweeps of every face and tool that are refined and grown: those in good covers, about so many.
@@ -51,7 +55,10 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
         tool = tools[key[1]]
         face = WorkFace.under(scene.faces[key[0]], tool)
         samples = face.samples(face.spacing(POINTS))
-        tasks[key] = Task(face, tool, samples, screen, limits, weights, keys.samples, keys.polish, keys.grow)
+        points = Points.of(face, max(min(face.spacing(POLISH_POINTS), POLISH_SPACING), face.spacing(MOST_POINTS)))
+        tasks[key] = Task(
+            face, tool, samples, points, screen, limits, weights, keys.samples, keys.polish, keys.norm, keys.grow
+        )
 
     task_of = [tasks[sweep.face, sweep.tool] for sweep in sweeps]
     with ThreadPoolExecutor(os.cpu_count()) as pool:

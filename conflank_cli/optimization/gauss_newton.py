@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
-from scipy.linalg import LinAlgError, solveh_banded
+from scipy.linalg import LinAlgError
 
-from conflank_cli.geometry.kernels.motion_error import add_rows, motion_errors
+from conflank_cli.geometry.kernels.motion_error import motion_errors
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
-from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.motion import Motion
+from conflank_cli.optimization.normal_equations import NormalEquations, basis_at, moved
+from conflank_cli.optimization.terms import AxisPath, Terms, Weights
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """Weights, by default the paper's: mu1 distance, mu2 fairness, mu3 proximity, mu4 rigidity, mu5 orthogonality."""
-
-    mu1: float = 1.0
-    mu2: float = 0.1
-    mu3: float = 0.001
-    mu4: float = 0.1
-    mu5: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +32,21 @@ class AxisErrorField:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Result of the optimisation: the motion, its axis error field, iterations used, and the result code."""
+    """Result of the optimisation.
+
+    Attributes
+    ----------
+    motion: the motion; field: its axis error.
+    iterations: Gauss-Newton steps; status: a key of STATUS.
+    start, end: the terms of the functional, before the first step and after the last.
+    """
 
     motion: Motion
     field: AxisErrorField
     iterations: int
     status: str
+    start: Terms
+    end: Terms
 
     @property
     def failed(self) -> bool:
@@ -64,6 +61,8 @@ STATUS = {
     "singular": "the normal equations are not positive definite; raise mu3 or use fewer control points",
 }
 
+# A step that moves a control point by more is shortened to it, mm; one that moves none by more is a standstill, mm.
+LONGEST_STEP, STILL = 1.0, 1e-6
 # Of the weight of a sample on the face: what a sample off it keeps, to hold the motion steady there.
 OFF_FACE = 0.01
 # Overcut is weighed up from this share of the tolerance on, so that the optimum stays inside it.
@@ -77,25 +76,6 @@ class Step(NamedTuple):
     stiff: float
     scale: float
     barrier: bool
-
-
-class _Basis(NamedTuple):
-    first: IntArray
-    value: Array
-    slope: Array
-    bend: Array
-
-
-@lru_cache(maxsize=64)
-def _basis(count: int, samples: int) -> _Basis:
-    """Nonzero cubic basis functions, first and second derivatives at `samples` equal times: (m,), (m, 4) each."""
-    knots = np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, count - DEGREE + 1), np.ones(DEGREE)])
-    t = np.linspace(0.0, 1.0, samples)
-    first = np.clip(np.searchsorted(knots, t, side="right") - 1, DEGREE, count - 1) - DEGREE
-    spline = BSpline(knots, np.eye(count), DEGREE)
-    pick = first[:, None] + np.arange(4)
-    rows = [np.take_along_axis(spline(t, nu=order), pick, axis=1) for order in range(3)]
-    return _Basis(first.astype(np.int64), *(np.ascontiguousarray(row) for row in rows))
 
 
 def error_field(
@@ -128,18 +108,23 @@ def error_field(
 
 
 def sample_weights(field: AxisErrorField, limits: Limits, scale: float, barrier: bool) -> Array:
-    """Weights of the axis error samples (m, n).
+    """Weights of the axis error samples (m, n): those of `robust_weights`, next to nothing off the face."""
+    weight = robust_weights(field.error, limits, scale, barrier)
+    return np.where(field.on > 0.5, weight, np.where(field.on > -0.5, OFF_FACE * weight, 0.0))
+
+
+def robust_weights(error: Array, limits: Limits, scale: float, barrier: bool) -> Array:
+    """Weights of axis errors or swept gaps, mm.
 
     Stock left beyond `scale` fades (Geman and McClure): there another sweep does the work. Overcut counts in full and,
     with `barrier`, ever more as it nears its tolerance.
     """
-    error = field.error
     ratio = np.maximum(error, 0.0) / scale
     weight = 1.0 / (1.0 + ratio * ratio) ** 2
     if barrier:
         excess = np.maximum(-error / limits.over - BARRIER_FROM, 0.0)
         weight = weight * (1.0 + BARRIER_GAIN * excess * excess)
-    return np.where(field.on > 0.5, weight, np.where(field.on > -0.5, OFF_FACE * weight, 0.0))
+    return np.asarray(weight)
 
 
 def minimise(
@@ -150,63 +135,43 @@ def minimise(
 
     The residuals are the axis errors (their exact gradient is the surface normal at the footpoint), |pq| - L, the
     second derivatives of p and q by travel, and the cosine between velocity and axis; each term enters as its mean
-    square. F_prox is the mean square of the step itself (Levenberg), so it slows the soft modes without shifting the
-    optimum.
+    square (`terms`).
     """
-    count = len(motion.p)
-    m, _ = samples
-    basis = _basis(count, m)
-    unit = np.broadcast_to(np.eye(6), (m, 6, 6))
+    begin = motion
     field: AxisErrorField | None = None
+    start: Terms | None = None
+    basis = basis_at(motion.knots, np.linspace(0.0, 1.0, samples[0]))
     status = "iterations"
     used = 0
     for fade, stiff, scale, barrier in schedule:
         used += 1
+        path = AxisPath.of(motion, tool, basis)
         field, normal, fractions = error_field(face, tool, motion, limits.allowance, samples, field)
-        w = sample_weights(field, limits, scale, barrier)
-        there = float(np.sum(field.on > 0.5))
-        if there < 4:
-            return Solution(motion, field, used, "lost")
-        band, right = np.zeros((24, 6 * count)), np.zeros(6 * count)
+        there = field.on > 0.5
+        if start is None:
+            start = path.terms(_mean_square(field), 0.0)
+        if there.sum() < 4:
+            status = "lost"
+            break
+        w = sample_weights(field, limits, scale, barrier) * (weights.mu1 / there.sum())
         rows = np.concatenate([(1.0 - fractions)[None, :, None] * normal, fractions[None, :, None] * normal], axis=2)
-        add_rows(band, right, basis.first, basis.value, rows, field.error, weights.mu1 / there * w)
-
-        control = np.hstack([motion.p, motion.q])
-        pick = basis.first[:, None] + np.arange(4)
-        ends = np.einsum("mk,mkc->mc", basis.value, control[pick])
-        slope = np.einsum("mk,mkc->mc", basis.slope, control[pick])
-        bend = np.einsum("mk,mkc->mc", basis.bend, control[pick])
-        axis = ends[:, 3:] - ends[:, :3]
-        span = np.linalg.norm(axis, axis=1)
-        d = axis / span[:, None]
-        velocity = 0.5 * (slope[:, :3] + slope[:, 3:])
-        speed = np.linalg.norm(velocity, axis=1)
-        travel = float(speed.mean())
-
-        rigid = np.concatenate([-d, d], axis=1)[:, None, :]
-        add_rows(
-            band, right, basis.first, basis.value, rigid, (span - tool.length)[:, None],
-            np.full((m, 1), stiff * weights.mu4 / m),
-        )  # fmt: skip
-        add_rows(
-            band, right, basis.first, basis.bend, unit, bend,
-            np.full((m, 6), fade * weights.mu2 / (2 * m * travel**4)),
-        )  # fmt: skip
-        across = np.concatenate([d, d], axis=1)[:, None, :] * (0.5 / speed)[:, None, None]
-        add_rows(
-            band, right, basis.first, basis.slope, across, (np.einsum("mk,mk->m", velocity, d) / speed)[:, None],
-            np.full((m, 1), fade * weights.mu5 / m),
-        )  # fmt: skip
-        add_rows(band, right, basis.first, basis.value, unit, np.zeros((m, 6)), np.full((m, 6), weights.mu3 / (2 * m)))
+        equations = NormalEquations.of(motion)
+        equations.add(basis.first, basis.value, rows, field.error, w)
+        path.add(equations, weights, fade, stiff)
         try:
-            step = solveh_banded(band, right, lower=True).reshape(count, 6)
+            step = equations.step()
         except LinAlgError:
-            return Solution(motion, field, used, "singular")
-        longest = float(np.abs(step).max())
-        if longest > 1.0:
-            step *= 1.0 / longest
-        motion = Motion(motion.knots, motion.p + step[:, :3], motion.q + step[:, 3:])
-        if longest < 1e-6 and used == len(schedule):
+            status = "singular"
+            break
+        motion = moved(motion, step, LONGEST_STEP)
+        if float(np.abs(step).max()) < STILL and used == len(schedule):
             status = "converged"
     field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field)
-    return Solution(motion, field, used, status)
+    gone = np.hstack([motion.p - begin.p, motion.q - begin.q])
+    end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), 0.5 * float(np.mean(np.sum(gone**2, axis=1))))
+    return Solution(motion, field, used, status, start or end, end)
+
+
+def _mean_square(field: AxisErrorField) -> float:
+    on_face = field.error[field.on > 0.5]
+    return float(np.mean(on_face**2)) if on_face.size else 0.0

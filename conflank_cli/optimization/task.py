@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +14,15 @@ from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.gauss_newton import Solution, Step, Weights, minimise
+from conflank_cli.optimization.envelope_polish import Points, for_area, for_norm, within
+from conflank_cli.optimization.gauss_newton import Solution, Step, error_field, minimise
+from conflank_cli.optimization.minimax import Aim, least_worst
+from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+Norm = int | Literal["max"]
 
 # Steps with the paper's weights, then steps in which mu2 and mu5 fade by a decade each, then steps that settle.
 PAPER_STEPS, FADE_STEPS, SETTLE_STEPS = 4, 8, 6
@@ -31,6 +36,13 @@ FINE_SPACING, FINE_MOST = 3.0, 64
 SETTLE_PROXIMITY = 0.01
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
+# Scales of the polish on the swept gap, in stock tolerances, and its factor on mu3.
+POLISH_SCALES, POLISH_PROXIMITY = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 6, 0.1
+# Norms of the gap that lead to the one asked for, each with so many steps; the last ones are near enough to the least
+# maximum for linear programs to finish it.
+NORM_STEPS: dict[int, int] = {2: 4, 4: 4, 8: 6, 16: 8, 32: 8}
+# A flatter gap may cost this share of the area.
+FLATTER = 0.002
 # A sweep is continued where this share of its last axis is still on the face.
 STILL_ON_FACE = 0.08
 
@@ -39,17 +51,20 @@ STILL_ON_FACE = 0.08
 class Task:
     """What every sweep of one face and tool is optimised with.
 
-    samples are the points its covered area is judged on; grid is m, n; polish and grow as in the job.
+    samples are the points its covered area is judged on, points those it is polished on; grid is m, n; polish, norm and
+    grow as in the job.
     """
 
     face: WorkFace
     tool: Tool
     samples: FaceSamples
+    points: Points
     screen: Screen
     limits: Limits
     weights: Weights
     grid: tuple[int, int]
     polish: bool
+    norm: Norm
     grow: bool
 
     def first(self, motion: Motion) -> Solution:
@@ -57,13 +72,18 @@ class Task:
         return self._minimise(motion, self._schedule(), self.weights)
 
     def refined(self, solution: Solution) -> Solution:
-        """Finer knots, then moves that cover more, as long as they do."""
+        """Finer knots, then moves that cover more, as long as they do, then the polish on the swept gap."""
         count = int(np.clip(round(travel(solution.motion) / FINE_SPACING) + 3, len(solution.motion.p), FINE_MOST))
         best = self._settled(solution.motion.respaced(count))
         if best.failed:
             return solution
-        if not self.grow:
-            return best
+        if self.grow:
+            best = self.grown(best)
+        return self.polished(best) if self.polish else best
+
+    def grown(self, solution: Solution) -> Solution:
+        """The solution after the moves that let it cover more: sliding, going on at either end."""
+        best = solution
         area = self._covered_area(best.motion)
         for _ in range(ROUNDS):
             before = area
@@ -78,6 +98,34 @@ class Task:
             if area == before:
                 break
         return best
+
+    def polished(self, solution: Solution) -> Solution:
+        """The solution polished on the swept gap; what the polish would make worse stays as it was."""
+        motion = solution.motion
+        points = self.points.near(motion, self.tool, self.limits)
+        weights = replace(self.weights, mu3=self.weights.mu3 * POLISH_PROXIMITY)
+        area = self._covered_area(motion)
+        more = for_area(self.tool, motion, points, self.limits, weights, POLISH_SCALES)
+        if more is not None and (served := self._covered_area(more)) > area:
+            motion, area = more, served
+        if self.norm != 2:
+            flat = self._flattened(motion, points, weights)
+            if self._covered_area(flat) >= (1.0 - FLATTER) * area:
+                motion = flat
+        if motion is solution.motion:
+            return solution
+        field, _, _ = error_field(self.face, self.tool, motion, self.limits.allowance, self.grid, None)
+        return replace(solution, motion=motion, field=field)
+
+    def _flattened(self, motion: Motion, points: Points, weights: Weights) -> Motion:
+        norms = tuple(
+            p for p, steps in NORM_STEPS.items() if self.norm == "max" or p <= self.norm for _ in range(steps)
+        )
+        flat = for_norm(self.tool, motion, points, self.limits, weights, norms)
+        if self.norm != "max":
+            return flat
+        served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
+        return least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
 
     def gaps(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""

@@ -22,12 +22,12 @@ from conflank_cli.optimization.gauss_newton import (
     AxisErrorField,
     Limits,
     Step,
-    Weights,
-    _basis,
     error_field,
     minimise,
     sample_weights,
 )
+from conflank_cli.optimization.normal_equations import basis_at
+from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import design, envelope, known, work
 from tests.verification.scenes import plane_face
@@ -48,8 +48,8 @@ def exact() -> tuple[WorkFace, Tool, Motion]:
 
 def test_basis_is_that_of_the_knots() -> None:
     count, samples = 9, 25
-    basis = _basis(count, samples)
     t = np.linspace(0.0, 1.0, samples)
+    basis = basis_at(uniform_knots(count), t)
     spline = BSpline(uniform_knots(count), np.eye(count), 3)
     for order, rows in enumerate((basis.value, basis.slope, basis.bend)):
         dense = np.zeros((samples, count))
@@ -61,7 +61,7 @@ def test_basis_is_that_of_the_knots() -> None:
 def test_banded_normal_equations_against_dense_ones() -> None:
     rng = np.random.default_rng(4)
     count, m, k = 7, 30, 3
-    basis = _basis(count, m)
+    basis = basis_at(uniform_knots(count), np.linspace(0.0, 1.0, m))
     rows, residuals, weights = rng.normal(size=(m, k, 6)), rng.normal(size=(m, k)), rng.uniform(0.0, 2.0, (m, k))
     weights[rng.random((m, k)) < 0.2] = 0.0
     band, right = np.zeros((24, 6 * count)), np.zeros(6 * count)

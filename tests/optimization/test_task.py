@@ -14,8 +14,10 @@ from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization import axis_error_facts, optimize
-from conflank_cli.optimization.gauss_newton import AxisErrorField, Weights
+from conflank_cli.optimization.envelope_polish import Points
+from conflank_cli.optimization.gauss_newton import AxisErrorField
 from conflank_cli.optimization.task import Task
+from conflank_cli.optimization.terms import Weights
 from conflank_cli.progress import SilentProgress
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
@@ -30,7 +32,8 @@ def task() -> Task:
     face = WorkFace.of(design(CASE.surface, CASE.sense), 0.7 * CASE.tool.length)
     samples = face.samples(face.spacing(800))
     screen = Screen.of(envelope_scene(CASE), 1.0)
-    return Task(face, CASE.tool, samples, screen, LIMITS, Weights(), (60, 16), True, True)
+    points = Points.of(face, face.spacing(2000))
+    return Task(face, CASE.tool, samples, points, screen, LIMITS, Weights(), (60, 16), True, 2, True)
 
 
 def test_a_short_start_grows_over_the_whole_face(task: Task) -> None:

@@ -55,6 +55,39 @@ def pose(polynomials, breaks, t, out):
         ]
 
 
+@njit(inline="always")
+def distance_at(polynomials, breaks, t, x, y, z, cutter, axis):
+    """Signed distance from a point to the cutter at time t; axis (6,) is overwritten."""
+    pose(polynomials, breaks, t, axis)
+    return cutter_distance(
+        x, y, z, axis[0], axis[1], axis[2], axis[3], axis[4], axis[5],
+        cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def nearest_between(polynomials, breaks, low, high, x, y, z, cutter, axis):
+    """(least distance, time) of a point over poses from low to high, by golden section; axis (6,) is overwritten."""
+    t1 = high - GOLDEN * (high - low)
+    t2 = low + GOLDEN * (high - low)
+    f1 = distance_at(polynomials, breaks, t1, x, y, z, cutter, axis)
+    f2 = distance_at(polynomials, breaks, t2, x, y, z, cutter, axis)
+    for _ in range(GOLDEN_STEPS):
+        if f1 < f2:
+            high = t2
+            t2 = t1
+            f2 = f1
+            t1 = high - GOLDEN * (high - low)
+            f1 = distance_at(polynomials, breaks, t1, x, y, z, cutter, axis)
+        else:
+            low = t1
+            t1 = t2
+            f1 = f2
+            t2 = low + GOLDEN * (high - low)
+            f2 = distance_at(polynomials, breaks, t2, x, y, z, cutter, axis)
+    return (f1, t1) if f1 < f2 else (f2, t2)
+
+
 @njit(cache=True, nogil=True)
 def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
     """Swept gap of points over one motion.
@@ -79,22 +112,9 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
         for k in range(samples + 1):
             a = axes[k]
             d = cutter_distance(
-                x,
-                y,
-                z,
-                a[0],
-                a[1],
-                a[2],
-                a[3],
-                a[4],
-                a[5],
-                cutter[0],
-                cutter[1],
-                cutter[2],
-                cutter[3],
-                cutter[4],
-                cutter[5],
-            )
+                x, y, z, a[0], a[1], a[2], a[3], a[4], a[5],
+                cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
+            )  # fmt: skip
             if d < best:
                 best = d
                 where = k
@@ -104,41 +124,89 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
             continue
         low = max(where - 1, 0) / samples
         high = min(where + 1, samples) / samples
-        t1 = high - GOLDEN * (high - low)
-        t2 = low + GOLDEN * (high - low)
-        f1 = np.inf
-        f2 = np.inf
-        for _ in range(GOLDEN_STEPS):
-            if f1 == np.inf:
-                pose(polynomials, breaks, t1, at)
-                f1 = cutter_distance(
-                    x, y, z, at[0], at[1], at[2], at[3], at[4], at[5],
-                    cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
-                )  # fmt: skip
-            if f2 == np.inf:
-                pose(polynomials, breaks, t2, at)
-                f2 = cutter_distance(
-                    x, y, z, at[0], at[1], at[2], at[3], at[4], at[5],
-                    cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
-                )  # fmt: skip
-            if f1 < f2:
-                high = t2
-                t2 = t1
-                f2 = f1
-                t1 = high - GOLDEN * (high - low)
-                f1 = np.inf
-            else:
-                low = t1
-                t1 = t2
-                f1 = f2
-                t2 = low + GOLDEN * (high - low)
-                f2 = np.inf
-        middle = 0.5 * (low + high)
-        pose(polynomials, breaks, middle, at)
-        d = cutter_distance(
-            x, y, z, at[0], at[1], at[2], at[3], at[4], at[5],
-            cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
-        )  # fmt: skip
+        d, t = nearest_between(polynomials, breaks, low, high, x, y, z, cutter, at)
         if d < best:
             gap[i] = d
-            time[i] = middle
+            time[i] = t
+
+
+@njit(cache=True, nogil=True)
+def swept_gap_near(polynomials, breaks, window, points, cutter, gap, time):
+    """Swept gap of points whose time is known to about `window`: time (N,) is read as a start, then filled as gap (N,).
+
+    Does not promise the least gap of the whole motion, only that of the valley it starts in.
+    """
+    at = np.empty(6)
+    for i in range(points.shape[0]):
+        x = points[i, 0]
+        y = points[i, 1]
+        z = points[i, 2]
+        low = max(time[i] - window, 0.0)
+        high = min(time[i] + window, 1.0)
+        best, t = nearest_between(polynomials, breaks, low, high, x, y, z, cutter, at)
+        # Golden section does not look at the ends, which is where a motion that is too short has its minimum.
+        for end in (low, high):
+            d = distance_at(polynomials, breaks, end, x, y, z, cutter, at)
+            if d < best:
+                best = d
+                t = end
+        gap[i] = best
+        time[i] = t
+
+
+@njit(cache=True, nogil=True)
+def gap_gradients(polynomials, breaks, points, time, cutter, rows):
+    """Gradient of the swept gap by the axis ends p and q of the pose that gives it, rows (N, 6).
+
+    By the envelope theorem the pose may be held fixed, and so may the nearest place y on the cutter: the gap changes by
+    -<n, δy> with n from y to the point. On ball and cone y may be taken for the centre c = p + h d of the sphere that
+    touches there, with d along q - p; on top of the cone it is the nearest place on the disc or on its rim.
+    """
+    axis = np.empty(6)
+    d = np.empty(3)
+    n = np.empty(3)
+    w = np.empty(3)
+    slope = cutter[1] / cutter[2]
+    for i in range(points.shape[0]):
+        pose(polynomials, breaks, time[i], axis)
+        length = np.sqrt((axis[3] - axis[0]) ** 2 + (axis[4] - axis[1]) ** 2 + (axis[5] - axis[2]) ** 2)
+        along = 0.0
+        for k in range(3):
+            d[k] = (axis[3 + k] - axis[k]) / length
+            along += (points[i, k] - axis[k]) * d[k]
+        across = 0.0
+        for k in range(3):
+            w[k] = points[i, k] - axis[k] - along * d[k]
+            across += w[k] * w[k]
+        across = np.sqrt(across)
+        rows[i] = 0.0
+        if across < 1e-9:
+            continue
+        beside = along * cutter[2] + (across - cutter[0]) * cutter[1]
+        lateral = (across - cutter[0]) * cutter[2] - along * cutter[1]
+        above = along - cutter[3]
+        r_max = cutter[0] + cutter[3] * slope
+        # The same regions as in `cutter_distance`; y is at height h, `out` from the axis.
+        if beside <= 0.0:
+            h, out = cutter[4], 0.0
+        elif (lateral <= 0.0 and above <= lateral) or (lateral > 0.0 and beside * cutter[2] < cutter[3]):
+            h, out = along + across * slope, 0.0
+        else:
+            h, out = cutter[3], min(across, r_max)
+        norm = 0.0
+        for k in range(3):
+            w[k] /= across
+            n[k] = d[k] if across == out else points[i, k] - axis[k] - h * d[k] - out * w[k]
+            norm += n[k] * n[k]
+        norm = np.sqrt(norm)
+        if norm < 1e-12:
+            continue
+        nd = 0.0
+        for k in range(3):
+            n[k] /= norm
+            nd += n[k] * d[k]
+        # With the axis y turns: by h δd at the centre, and a radius of the top tips by -<w, δd> d.
+        for k in range(3):
+            turn = (h * (n[k] - nd * d[k]) - out * nd * w[k]) / length
+            rows[i, k] = turn - n[k]
+            rows[i, 3 + k] = -turn

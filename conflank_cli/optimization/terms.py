@@ -1,0 +1,115 @@
+"""The terms of the paper's functional that keep a motion a motion: fairness, proximity, rigidity, orthogonality."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.motion import Motion
+from conflank_cli.optimization.normal_equations import Basis, NormalEquations
+from conflank_cli.tool import Tool
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Weights, by default the paper's: mu1 distance, mu2 fairness, mu3 proximity, mu4 rigidity, mu5 orthogonality."""
+
+    mu1: float = 1.0
+    mu2: float = 0.1
+    mu3: float = 0.001
+    mu4: float = 0.1
+    mu5: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Each term of F_motion as a mean square, without its weight (Calleja et al. 2018, Eq. 8-13).
+
+    Attributes
+    ----------
+    distance: of the axis error over the samples on the face, mm2.
+    fairness: of the second derivatives of p and q by travel, 1/mm2.
+    proximity: of the way of the axis ends from the start, mm2.
+    rigidity: of |pq| - L, mm2.
+    orthogonality: of the cosine between the velocity of the axis and the axis.
+    """
+
+    distance: float
+    fairness: float
+    proximity: float
+    rigidity: float
+    orthogonality: float
+
+    def total(self, weights: Weights) -> float:
+        """F_motion (Eq. 13)."""
+        return (
+            weights.mu1 * self.distance
+            + weights.mu2 * self.fairness
+            + weights.mu3 * self.proximity
+            + weights.mu4 * self.rigidity
+            + weights.mu5 * self.orthogonality
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class AxisPath:
+    """A motion at m times, and what its terms are made of.
+
+    Attributes
+    ----------
+    basis: the basis at these times.
+    bend: second derivatives of p and q by time, (m, 6).
+    d: unit axis, (m, 3); excess: |pq| - L, (m,), mm.
+    speed: of the middle of the axis, (m,), mm; cosine: between that velocity and the axis, (m,).
+    """
+
+    basis: Basis
+    bend: Array
+    d: Array
+    excess: Array
+    speed: Array
+    cosine: Array
+
+    @classmethod
+    def of(cls, motion: Motion, tool: Tool, basis: Basis) -> AxisPath:
+        """Evaluate a motion at the times of a basis."""
+        control = np.hstack([motion.p, motion.q])[basis.first[:, None] + np.arange(4)]
+        ends, slope, bend = (np.einsum("mk,mkc->mc", rows, control) for rows in basis[1:])
+        axis = ends[:, 3:] - ends[:, :3]
+        span = np.linalg.norm(axis, axis=1)
+        d = axis / span[:, None]
+        velocity = 0.5 * (slope[:, :3] + slope[:, 3:])
+        speed = np.linalg.norm(velocity, axis=1)
+        return cls(basis, bend, d, span - tool.length, speed, np.einsum("mk,mk->m", velocity, d) / speed)
+
+    @property
+    def travel(self) -> float:
+        """Way of the middle of the axis, mm."""
+        return float(self.speed.mean())
+
+    def terms(self, distance: float, proximity: float) -> Terms:
+        """The mean squares of the residuals that `add` adds, with those of distance and proximity from elsewhere."""
+        fairness = float(np.mean(self.bend**2)) * 3.0 / self.travel**4
+        return Terms(distance, fairness, proximity, float(np.mean(self.excess**2)), float(np.mean(self.cosine**2)))
+
+    def add(self, equations: NormalEquations, weights: Weights, fade: float = 1.0, stiff: float = 1.0) -> None:
+        """Add the terms to normal equations; `fade` is a factor on mu2 and mu5, `stiff` one on mu4.
+
+        F_prox is the mean square of the step itself (Levenberg), so it slows the soft modes without shifting the
+        optimum.
+        """
+        m = len(self.speed)
+        first, value, slope, bend = self.basis
+        unit = np.broadcast_to(np.eye(6), (m, 6, 6))
+        rigid = np.concatenate([-self.d, self.d], axis=1)[:, None, :]
+        equations.add(first, value, rigid, self.excess[:, None], np.full((m, 1), stiff * weights.mu4 / m))
+        equations.add(first, value, unit, np.zeros((m, 6)), np.full((m, 6), weights.mu3 / (2 * m)))
+        fair = np.full((m, 6), fade * weights.mu2 / (2 * m * self.travel**4))
+        equations.add(first, bend, unit, self.bend, fair)
+        # The cosine is differentiated by the velocity only: the axis turns little while it is made orthogonal.
+        across = np.concatenate([self.d, self.d], axis=1)[:, None, :] * (0.5 / self.speed)[:, None, None]
+        equations.add(first, slope, across, self.cosine[:, None], np.full((m, 1), fade * weights.mu5 / m))
