@@ -45,6 +45,9 @@ _TOOL_NUMBER = Limit(lambda x: 0 <= x <= 32767, "a whole number from 0 to 32767"
 _SOME = Limit(lambda x: len(x) > 0, "at least one")
 _PROGRAM_NAME = Limit(lambda x: re.fullmatch("[A-Z0-9_-]{1,16}", x) is not None, "1 to 16 characters A-Z 0-9 _ -")
 
+# The two tolerances together, mm: what posting may change either way and as much again.
+LEAST_BAND = 0.002
+
 Positive = Annotated[float, _POSITIVE]
 NotNegative = Annotated[float, _NOT_NEGATIVE]
 Fraction = Annotated[float, _FRACTION]
@@ -132,8 +135,8 @@ class Tools(Struct, frozen=True, forbid_unknown_fields=True):
 class Tolerance(Struct, frozen=True, forbid_unknown_fields=True):
     """What counts as covered, mm: -overcut <= g <= undercut about the face offset by `allowance`."""
 
-    overcut: Positive = 0.010
-    undercut: Positive = 0.010
+    overcut: NotNegative = 0.010
+    undercut: NotNegative = 0.010
     allowance: NotNegative = 0.0
 
 
@@ -565,6 +568,14 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
     if not any((weights.mu1, weights.mu2, weights.mu3, weights.mu4, weights.mu5)):
         raise InputError(
             f"{where}: [optimization] mu1 ... mu5", "all zero", "at least one positive weight", "Leave mu1 at 1."
+        )
+    tolerance = job.tolerance
+    if tolerance.overcut + tolerance.undercut < LEAST_BAND:
+        raise InputError(
+            f"{where}: [tolerance] overcut, undercut",
+            f"{tolerance.overcut:g} and {tolerance.undercut:g} mm",
+            f"at least {LEAST_BAND:g} mm together",
+            "Posting alone may change the gap by half a micrometre either way; allow more of one of them.",
         )
     for index, design in enumerate(job.part.design):
         u0, u1, v0, v1 = design.region

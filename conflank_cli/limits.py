@@ -11,7 +11,7 @@ from conflank_cli.job import Tolerance
 class Limits:
     """What the stages aim at, mm.
 
-    over, under: tolerance for overcut and stock left. allowance: stock to leave.
+    over, under: how far the cut may lie below and above the face offset by `allowance`.
     """
 
     over: float
@@ -20,5 +20,12 @@ class Limits:
 
     @classmethod
     def of(cls, tolerance: Tolerance) -> Limits:
-        """The limits of a job."""
-        return cls(tolerance.overcut, tolerance.undercut, tolerance.allowance)
+        """The limits of a job: its allowance moved to where both sides have room.
+
+        Every stage aims at zero, which nothing keeps to when one side is forbidden or nearly so (overcut = 0). So the
+        aim moves away from a side that has less than a third of the band, until it has a third; a band with more room
+        on both sides is aimed at as the job says.
+        """
+        over, under = tolerance.overcut, tolerance.undercut
+        aim = max(under - 2.0 * over, 0.0) / 3.0 - max(over - 2.0 * under, 0.0) / 3.0
+        return cls(over + aim, under - aim, tolerance.allowance + aim)

@@ -27,7 +27,7 @@ def test_stages_give_equal_bytes_twice(tmp_path: Path) -> None:
         folder.mkdir()
         found = detect(scene, progress)
         write_artifact("candidates", scene, found, {}, folder / "candidates.npz")
-        motions = optimize(scene, found[:5], progress)
+        motions, _ = optimize(scene, found[:5], progress)
         write_artifact("motions", scene, motions, {}, folder / "motions.npz")
         plan, summary = select(scene, motions, progress)
         write_artifact("plan", scene, plan, summary, folder / "plan.npz")

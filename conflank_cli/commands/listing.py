@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import msgspec
 
 from conflank_cli.artifacts.npz import decode_artifact, document_text, read_source
 from conflank_cli.commands.tables import cell_text, text_table
+from conflank_cli.sweep import Sweep
 
 if TYPE_CHECKING:
     from conflank_cli.cad.inspection import FaceReport
@@ -25,7 +27,7 @@ def list_artifact(source: str, as_json: bool) -> str:
         for face, shape in ((face, face.surface.poles.shape) for face in scene.faces)
     ]
     tools = [(tool.name, tool.number, tool.r_min, tool.r_max, tool.length) for tool in scene.tools]
-    names = list(dict.fromkeys(name for sweep in sweeps for name in sweep.facts))
+    names = [name for name in dict.fromkeys(name for sweep in sweeps for name in sweep.facts) if not _is_term(name)]
     cuts = [
         (k, scene.faces[sweep.face].number, sweep.tool, len(sweep.motion.p), *map(sweep.facts.get, names))
         for k, sweep in enumerate(sweeps, start=1)
@@ -35,9 +37,30 @@ def list_artifact(source: str, as_json: bool) -> str:
         text_table(["face", "<name", "degree u", "degree v", "net"], faces),
         text_table(["<tool", "number", "r_min mm", "r_max mm", "length mm"], tools),
         text_table(["sweep", "face", "<tool", "controls", *names], cuts),
+        _terms(sweeps),
         "".join(f"{name}: {cell_text(value)}\n" for name, value in summary.items() if not isinstance(value, dict)),
+        "".join(f"{count} x {result}\n" for result, count in summary.get("results", {}).items()),
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _is_term(name: str) -> bool:
+    return name.startswith("term_")
+
+
+def _terms(sweeps: Sequence[Sweep]) -> str:
+    """The terms of the functional at the start and the end of the optimisation, where there are any."""
+    starts = [name for name in (sweeps[0].facts if sweeps else {}) if _is_term(name) and name.endswith("_start")]
+    if not starts:
+        return ""
+    rows = [
+        (k, *(f"{sweep.facts[name]:.1e} > {sweep.facts[name.removesuffix('start') + 'end']:.1e}" for name in starts))
+        for k, sweep in enumerate(sweeps, start=1)
+    ]
+    names = (name.removeprefix("term_").removesuffix("_start") for name in starts)
+    return text_table(
+        ["sweep", *names], rows, "terms of the functional as mean squares, before and after the last stage"
+    )
 
 
 def list_part(source: str, as_json: bool) -> str:

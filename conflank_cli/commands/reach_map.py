@@ -50,7 +50,8 @@ class ReachMap:
 
 def reach_maps(scene: Scene, points: int, progress: Progress) -> list[ReachMap]:
     """All maps of a scene, faces first, then tools, then engaged shares."""
-    tolerance = min(scene.job.tolerance.overcut, scene.job.tolerance.undercut)
+    # A line's error is shared out evenly between overcut and stock, so what counts is half the band.
+    tolerance = 0.5 * (scene.job.tolerance.overcut + scene.job.tolerance.undercut)
     maps = []
     with progress.stage("reach", len(scene.faces) * len(scene.tools) * len(ENGAGED)) as stage:
         for design in scene.faces:

@@ -51,7 +51,7 @@ def run_optimize(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[lis
     from conflank_cli.optimization import optimize
 
     with talk.timed("optimize"):
-        motions = optimize(scene, list(sweeps), talk.progress)
+        motions, summary = optimize(scene, list(sweeps), talk.progress)
     if not motions:
         raise NumericalError(
             "optimize",
@@ -59,7 +59,9 @@ def run_optimize(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[lis
             "at least one",
             "Widen [tolerance], or try smaller tools.",
         )
-    return motions, _counts(scene, motions)
+    if summary["left_out"]:
+        talk.note(f"optimize: {summary['left_out']} of {len(sweeps)} candidates left out; conflank inspect says why")
+    return motions, _counts(scene, motions) | summary
 
 
 def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:

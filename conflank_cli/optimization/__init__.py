@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from dataclasses import asdict
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,8 +39,10 @@ REFINED = 32
 LEAST_GAIN = 0.003
 
 
-def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Sweep]:
-    """Optimise every sweep, then refine and grow those that may be chosen; sweeps that fail are left out.
+def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[Sweep], dict[str, Any]]:
+    """Optimise every sweep, then refine, grow and polish those that may be chosen; sweeps that fail are left out.
+
+    Returns the sweeps and a summary: how many came to which result, as sentences, and how many were left out.
 
     Raises
     ------
@@ -92,10 +96,12 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> list[Swee
             "at least one",
             "Detect again with the same job, or with a wider tolerance.",
         )
+    results = Counter(STATUS[solution.status] for solution in solutions)
+    summary = {"left_out": len(sweeps) - len(sound), "results": dict(results.most_common())}
     return [
         Sweep(sweeps[k].face, sweeps[k].tool, solutions[k].motion, {**sweeps[k].facts, **_facts(solutions[k], limits)})
         for k in sound
-    ]
+    ], summary
 
 
 def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> list[int]:
@@ -105,8 +111,13 @@ def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.fl
 
 
 def _facts(solution: Solution, limits: Limits) -> dict[str, float]:
-    """Axis error over the samples on the face, and how the solver fared."""
-    return {"iterations": float(solution.iterations), **axis_error_facts(solution.field, limits)}
+    """Axis error over the samples on the face, how the solver fared, and what it did to each term."""
+    terms = {
+        f"term_{name}_{when}": value
+        for when, those in (("start", solution.start), ("end", solution.end))
+        for name, value in asdict(those).items()
+    }
+    return {"iterations": float(solution.iterations), **axis_error_facts(solution.field, limits), **terms}
 
 
 def axis_error_facts(field: AxisErrorField, limits: Limits) -> dict[str, float]:

@@ -109,33 +109,37 @@ def for_norm(
 
     What counts is every point within tolerance at the start, and overcut anywhere. The gap is measured from the middle
     of the tolerance, as a share of it. The Hessian of the p-norm is that of the squares with weights
-    (p - 1) |g|^(p - 2) (the gap's own curvature left out); a step that does not lessen the norm is shortened by a
-    Levenberg term, and the motion left as it is where that is of no use.
+    (p - 1) |g|^(p - 2) (the gap's own curvature left out). Far from the optimum that step is short by up to p - 1, so
+    it is stretched while that helps; one that does not lessen the norm is shortened by a Levenberg term, and where that
+    is of no use the norm is as small as it gets.
     """
+    if not len(points.x):
+        return motion
     middle, half = 0.5 * (limits.under - limits.over), 0.5 * (limits.under + limits.over)
     field = gap_field(motion, tool, points.x, limits.allowance)
     served = within(field.gap, limits)
-    damping = weights.mu3
+    damping, stretch, settled = weights.mu3, 1.0, 0
     for p in norms:
+        if p == settled:
+            continue
         share = _shares(field.gap, served, middle, half)
         worst = max(float(np.abs(share).max()), 1e-9)
         height = np.abs(share) / worst
         before = float(points.areas @ height**p)
         say = points.areas * height ** (p - 2)
         for _ in range(TRIALS):
-            damped = replace(weights, mu3=damping)
-            step = _step(tool, motion, field, share * half / (p - 1), say, damped)
+            step = _step(tool, motion, field, share * half / (p - 1), say, replace(weights, mu3=damping))
             if step is None:
                 return motion
-            trial = moved(motion, step, LONGEST_STEP)
+            trial = moved(motion, stretch * step, LONGEST_STEP)
             after = gap_field(trial, tool, points.x, limits.allowance, field.time)
             if points.areas @ (np.abs(_shares(after.gap, served, middle, half)) / worst) ** p < before:
                 motion, field = trial, after
-                damping = max(damping / LOOSER, LEAST_DAMPING)
+                damping, stretch = max(damping / LOOSER, LEAST_DAMPING), min(2.0 * stretch, p - 1.0)
                 break
-            damping *= STIFFER
+            damping, stretch = (damping * STIFFER, 1.0) if stretch == 1.0 else (damping, max(0.25 * stretch, 1.0))
         else:
-            return motion
+            settled, damping, stretch = p, weights.mu3, 1.0
     return motion
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -170,6 +170,16 @@ def minimise(
     gone = np.hstack([motion.p - begin.p, motion.q - begin.q])
     end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), 0.5 * float(np.mean(np.sum(gone**2, axis=1))))
     return Solution(motion, field, used, status, start or end, end)
+
+
+def with_motion(
+    solution: Solution, face: WorkFace, tool: Tool, motion: Motion, allowance: float, samples: tuple[int, int]
+) -> Solution:
+    """The solution with its motion moved on by other means: axis error and terms are those of `motion`."""
+    field, _, _ = error_field(face, tool, motion, allowance, samples)
+    path = AxisPath.of(motion, tool, basis_at(motion.knots, np.linspace(0.0, 1.0, samples[0])))
+    end = path.terms(_mean_square(field), solution.end.proximity)
+    return replace(solution, motion=motion, field=field, end=end)
 
 
 def _mean_square(field: AxisErrorField) -> float:

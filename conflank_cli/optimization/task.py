@@ -15,7 +15,7 @@ from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.envelope_polish import Points, for_area, for_norm, within
-from conflank_cli.optimization.gauss_newton import Solution, Step, error_field, minimise
+from conflank_cli.optimization.gauss_newton import Solution, Step, minimise, with_motion
 from conflank_cli.optimization.minimax import Aim, least_worst
 from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import Tool
@@ -79,7 +79,9 @@ class Task:
             return solution
         if self.grow:
             best = self.grown(best)
-        return self.polished(best) if self.polish else best
+        if self.polish:
+            best = self.polished(best)
+        return replace(best, start=solution.start)
 
     def grown(self, solution: Solution) -> Solution:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
@@ -114,8 +116,7 @@ class Task:
                 motion = flat
         if motion is solution.motion:
             return solution
-        field, _, _ = error_field(self.face, self.tool, motion, self.limits.allowance, self.grid, None)
-        return replace(solution, motion=motion, field=field)
+        return with_motion(solution, self.face, self.tool, motion, self.limits.allowance, self._grid(motion))
 
     def _flattened(self, motion: Motion, points: Points, weights: Weights) -> Motion:
         norms = tuple(
@@ -173,6 +174,8 @@ class Task:
         return tuple(steps)
 
     def _minimise(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:
+        return minimise(self.face, self.tool, motion, self.limits, weights, self._grid(motion), steps)
+
+    def _grid(self, motion: Motion) -> tuple[int, int]:
         # Three samples to a knot span at least, or the finest wiggles of the spline go unseen.
-        grid = (max(self.grid[0], 3 * len(motion.p)), self.grid[1])
-        return minimise(self.face, self.tool, motion, self.limits, weights, grid, steps)
+        return max(self.grid[0], 3 * len(motion.p)), self.grid[1]

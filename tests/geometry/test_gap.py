@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from benchmarks.envelopes import cylinder
 from benchmarks.envelopes import swept_gap as by_golden_sections
 from conflank_cli.geometry.footpoint import Projector
-from conflank_cli.geometry.gap import motion_gap, travel
+from conflank_cli.geometry.gap import gap_field, motion_gap, travel
 from conflank_cli.geometry.kernels.swept_gap import cutter_distance
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.tool import CATALOGUE, Tool
@@ -173,3 +173,51 @@ def test_travel_is_the_longer_path() -> None:
     line = np.linspace(0.0, 1.0, 6)[:, None] * [10.0, 0.0, 0.0]
     assert travel(Motion(knots, line, 3.0 * line)) == pytest.approx(30.0, abs=1e-9)
     assert travel(Motion(knots, 2.0 * line, line)) == pytest.approx(20.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
+def test_the_gradient_is_that_of_the_gap(tool: Tool) -> None:
+    """Every part of the cutter against central differences, at points that are not at a kink between two parts."""
+    rng = np.random.default_rng(11)
+    count = 7
+    p = np.stack([np.linspace(0.0, 25.0, count), *rng.normal(scale=0.4, size=(2, count))], axis=1)
+    d = rng.normal(scale=0.06, size=(count, 3)) + np.array([0.0, 0.1, 1.0])
+    # The ends need not be L apart: the gradient knows what that does to the direction.
+    motion = Motion(uniform_knots(count), p, p + (tool.length + 0.2) * d / np.linalg.norm(d, axis=1)[:, None])
+    points = rng.uniform([2.0, -8.0, -5.0], [23.0, 8.0, tool.length + 6.0], (3000, 3))
+    field = gap_field(motion, tool, points, reach=10.0)
+    change, step = rng.normal(size=(count, 6)), 1e-6
+
+    def gap(factor: float) -> np.ndarray:
+        moved = Motion(motion.knots, motion.p + factor * change[:, :3], motion.q + factor * change[:, 3:])
+        return motion_gap(moved, tool, points, reach=10.0)[0]
+
+    forward, here, backward = gap(step), gap(0.0), gap(-step)
+    slope = (forward - backward) / (2.0 * step)
+    smooth = np.abs((forward - here) - (here - backward)) < 1e-9
+    start, end = motion.ends(field.time)
+    axis = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    along = np.einsum("nk,nk->n", points - start, axis)
+    across = np.linalg.norm(points - start - along[:, None] * axis, axis=1)
+    # Deep inside, cone and top may be equally near at the best pose: the other kink.
+    cone = (across - tool.r_min) * cos(tool.half_angle) - along * sin(tool.half_angle)
+    smooth &= np.abs(cone - (along - tool.length)) > 1e-4
+    assert smooth.mean() > 0.95
+    p_change, q_change = Motion(motion.knots, change[:, :3], change[:, 3:]).ends(field.time)
+    expected = np.einsum("nk,nk->n", field.rows, np.hstack([p_change, q_change]))
+    np.testing.assert_allclose(slope[smooth], expected[smooth], atol=5e-4)
+    assert np.quantile(np.abs(slope - expected)[smooth], 0.99) < 1e-6
+    # Ball, cone and top all had their say.
+    for part in (along < 0.0, (along > 2.0) & (along < tool.length - 2.0), along > tool.length):
+        assert (part & smooth).sum() > 100
+
+
+def test_a_gap_looked_for_near_its_time_is_that_of_the_whole_motion() -> None:
+    case = envelope(CATALOGUE["T2"])
+    motion = known(case)
+    points = Projector.of(case.surface).evaluate(*np.random.default_rng(2).uniform(0.0, 1.0, (2, 400)))[:, 0]
+    whole = gap_field(motion, case.tool, points)
+    shifted = Motion(motion.knots, motion.p + 0.02, motion.q + 0.02)
+    near = gap_field(shifted, case.tool, points, start=whole.time)
+    np.testing.assert_allclose(near.gap, motion_gap(shifted, case.tool, points)[0], atol=1e-9)
+    assert np.abs(near.time - whole.time).max() > 1e-4

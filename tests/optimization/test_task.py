@@ -15,7 +15,7 @@ from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization import axis_error_facts, optimize
 from conflank_cli.optimization.envelope_polish import Points
-from conflank_cli.optimization.gauss_newton import AxisErrorField
+from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField
 from conflank_cli.optimization.task import Task
 from conflank_cli.optimization.terms import Weights
 from conflank_cli.progress import SilentProgress
@@ -92,7 +92,11 @@ def test_sweeps_that_are_lost_are_left_out_and_facts_stay() -> None:
     motion = known(CASE, 12)
     lost = Motion(motion.knots, motion.p + 500.0, motion.q + 500.0)
     sweeps = [Sweep(0, "T3", lost, {}), Sweep(0, "T3", motion, {"lines": 31.0})]
-    (found,) = optimize(scene, sweeps, SilentProgress())
+    (found,), summary = optimize(scene, sweeps, SilentProgress())
+    assert summary["left_out"] == 1
+    assert summary["results"].pop(STATUS["lost"]) == 1
+    assert sum(summary["results"].values()) == 1
+    assert found.facts["term_distance_end"] < 1e-7 < found.facts["term_fairness_start"]
     assert found.facts["lines"] == 31.0
     assert found.facts["axis_error_mean_um"] < 0.2
     assert found.facts["axis_error_engaged"] > 0.95
