@@ -40,7 +40,7 @@ FAR = 12.0
 BORDER = 0.5
 # A Levenberg term that is too weak is raised by the one factor, one that is strong enough lowered by the other; so
 # often it is raised for one step, and never lowered below the last.
-STIFFER, LOOSER, TRIALS, LEAST_DAMPING = 8.0, 4.0, 6, 1e-9
+STIFFER, LOOSER, TRIALS, LEAST_DAMPING = 8.0, 4.0, 8, 1e-8
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +131,11 @@ def for_norm(
             step = _step(tool, motion, field, share * half / (p - 1), say, replace(weights, mu3=damping))
             if step is None:
                 return motion
+            longest = float(np.abs(step).max())
+            if longest > LONGEST_STEP:
+                # Control points that next to nothing holds are on their way out, and would shorten the step of all.
+                damping *= STIFFER
+                continue
             trial = moved(motion, stretch * step, LONGEST_STEP)
             after = gap_field(trial, tool, points.x, limits.allowance, field.time)
             if points.areas @ (np.abs(_shares(after.gap, served, middle, half)) / worst) ** p < before:
