@@ -1,8 +1,9 @@
 """Families of lines that the line field does not lead to, and why it does not.
 
 A line of the blind search is known to the field where some direction of the field at the same point, as it is or
-refined, is within `SAME` of it. Lines that are not are put into families: neighbouring samples, directions within
-`LINKED`. Each family gets the explanation that fits most of its lines.
+refined, is within `SAME` of it, or the line that the reachability map has there. Lines that are not are put into
+families: neighbouring samples, directions within `LINKED`. Each family gets the explanation that fits most of its
+lines.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from benchmarks.blind_search import SPHERES, BlindLines, BlindSearch
 from conflank_cli.detection.line_field import seed_lines
+from conflank_cli.detection.reachability import Reachability
 from conflank_cli.geometry.workface import FaceSamples
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +75,7 @@ class Family:
 
 
 def blind_families(
-    search: BlindSearch, samples: FaceSamples, lines: BlindLines, map_error: Array, tolerance: float
+    search: BlindSearch, samples: FaceSamples, lines: BlindLines, found: Reachability, tolerance: float
 ) -> list[Family]:
     """Families of lines within `tolerance` mm that only the blind search finds, largest area first."""
     index, place, rank = np.nonzero(lines.every <= tolerance)
@@ -83,6 +85,8 @@ def blind_families(
     open_ = np.ones(len(index), dtype=np.bool_)
     near = _nearest(index, d, field.sample, field.d)
     open_ &= near > SAME
+    reached = np.flatnonzero(np.isfinite(found.error))
+    open_ &= _nearest(index, d, reached, found.d[reached]) > SAME
     # Refining the field costs footpoints, so only where there is something left to explain.
     asked = np.isin(field.sample, np.unique(index[open_]))
     error, refined = search.refined(samples, field.sample[asked], field.d[asked], field.height[asked])
@@ -97,7 +101,7 @@ def blind_families(
     for label in range(labels.max() + 1):
         mine = labels == label
         through = np.unique(index[mine])
-        alone = through[map_error[through] > tolerance]
+        alone = through[found.error[through] > tolerance]
         families.append(
             Family(
                 Counter(np.array(why)[mine].tolist()).most_common(1)[0][0],

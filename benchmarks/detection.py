@@ -296,7 +296,7 @@ def blade(flank: Flank, tool: Tool, points: int, density: Density) -> dict[str, 
         comparisons.append(compare(found, search, lines.error, lines.footpoints))
         if engaged == ENGAGED[0]:
             reach = lines.error <= TOLERANCE
-            families = blind_families(search, samples, lines, found.error, TOLERANCE)
+            families = blind_families(search, samples, lines, found, TOLERANCE)
     start = time.perf_counter()
     sweeps = detect(scene(design, (tool,), density, free=True), SilentProgress())
     seconds = time.perf_counter() - start

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +13,13 @@ from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Directions = Callable[[Array, Array], Iterator[tuple[Array, Mask, Array]]]
+
+# Angle between lines that are tried where the bend leaves room to turn.
+TURN = np.radians(15.0)
+# Sine of the angle below which a direction counts as principal: rounding.
+PRINCIPAL = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +65,25 @@ def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance:
     Source: do Carmo, Differential Geometry of Curves and Surfaces (1976), section 3-2 (asymptotic directions); Bo,
     Bartoň, Pottmann (2017), section 3.
     """
+    return _lines(face, tool, uv, heights, allowance, _asymptotic)
+
+
+def turned_lines(
+    face: WorkFace, tool: Tool, uv: Array, heights: Array, bend: Array, allowance: float = 0.0
+) -> SeedLines:
+    """Lines on either side of those of `seed_lines`, about `TURN` apart, on which the distance bends by little.
+
+    Parameters as there, and
+
+    bend: |wᵀ H w| that is let pass at each contact, shape (N,), 1/mm. Where it leaves no room to turn there is no line.
+    """
+    return _lines(face, tool, uv, heights, allowance, partial(_turned, bend))
+
+
+def _lines(
+    face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance: float, directions: Directions
+) -> SeedLines:
+    """Lines whose tangential parts are at the angles that `directions` yields for both eigenvalues of H."""
     frame = face.projector.evaluate(uv[:, 0], uv[:, 1])
     su, sv = frame[:, 1], frame[:, 2]
     normal = np.cross(su, sv)
@@ -85,19 +113,47 @@ def seed_lines(face: WorkFace, tool: Tool, uv: Array, heights: Array, allowance:
         room = 1.0 - radius * curvature
         fits = np.all(room > 0.02, axis=1)
         hessian = -curvature / np.where(room > 0.02, room, 1.0)
-        low, high = hessian[:, 0], hessian[:, 1]
-        saddle = low * high < 0.0
-        # w = cos φ e1 + sin φ e2 with low cos² + high sin² = 0.
-        angle = np.where(saddle, np.arctan(np.sqrt(np.abs(low / np.where(high == 0.0, 1.0, high)))), 0.0)
-        angle = np.where(~saddle & (np.abs(high) < np.abs(low)), np.pi / 2, angle)
-        left = np.where(saddle, 0.0, np.minimum(np.abs(low), np.abs(high)))
-        for sign in (1.0, -1.0):
-            along = np.cos(angle)[:, None] * e1 + (sign * np.sin(angle))[:, None] * e2
-            # Without a saddle both signs are the same line.
-            use = fits & saddle if sign < 0.0 else fits
+        for angle, use, left in directions(hessian[:, 0], hessian[:, 1]):
+            use = use & fits
+            along = np.cos(angle)[:, None] * e1 + np.sin(angle)[:, None] * e2
             for orientation in (1.0, -1.0):
                 d = sine * normal + cosine * orientation * along
                 p = frame[:, 0] + radius * normal - height * d
-                parts.append((p[use], d[use], np.full(int(use.sum()), height), np.flatnonzero(use), left[use]))
+                parts.append(
+                    (p[use], d[use], np.full(int(use.sum()), height), np.flatnonzero(use), cosine**2 * left[use])
+                )
     p, d, height, sample, left = (np.concatenate([part[k] for part in parts]) for k in range(5))
     return SeedLines(p, d, uv[sample], height, sample, left)
+
+
+def _asymptotic(first: Array, second: Array) -> Iterator[tuple[Array, Mask, Array]]:
+    """Angles φ (N,) where wᵀ H w is least, which of them are new lines, and |wᵀ H w|, for w = cos φ e1 + sin φ e2."""
+    saddle = first * second < 0.0
+    angle = np.where(saddle, np.arctan(np.sqrt(np.abs(first / np.where(second == 0.0, 1.0, second)))), 0.0)
+    angle = np.where(~saddle & (np.abs(second) < np.abs(first)), np.pi / 2, angle)
+    left = np.where(saddle, 0.0, np.minimum(np.abs(first), np.abs(second)))
+    yield angle, np.ones_like(saddle), left
+    # Without a saddle both signs are the same line.
+    yield -angle, saddle, left
+
+
+def _turned(bend: Array, first: Array, second: Array) -> Iterator[tuple[Array, Mask, Array]]:
+    """The same for angles away from those of `_asymptotic`, up to where |wᵀ H w| is `bend` (N,).
+
+    It is first cos² φ + second sin² φ = m + r cos 2φ, so that happens at cos 2φ = (±bend - m) / r. Where even the least
+    is more than `bend`, that angle is the least one's again.
+    """
+    middle, _, _ = next(_asymptotic(first, second))
+    mean, half = 0.5 * (first + second), 0.5 * (first - second)
+    # Equal curvatures: every direction is like any other, and all are within `bend` or none.
+    half = np.where(half == 0.0, np.finfo(float).tiny, half)
+    for sign in (1.0, -1.0):
+        with np.errstate(over="ignore"):
+            end = 0.5 * np.arccos(np.clip((sign * bend - mean) / half, -1.0, 1.0))
+        count = np.floor(np.abs(end - middle) / TURN + 0.5)
+        for k in range(1, max(int(count.max()), 1) + 1):
+            angle = middle + (end - middle) * k / np.maximum(count, 1.0)
+            left = np.abs(mean + half * np.cos(2.0 * angle))
+            yield angle, count >= k, left
+            # Along a principal direction both signs are the same line.
+            yield -angle, (count >= k) & (np.abs(np.sin(2.0 * angle)) > PRINCIPAL), left

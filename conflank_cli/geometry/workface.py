@@ -132,10 +132,15 @@ class WorkFace:
         return np.concatenate(pieces)
 
 
+def loop_vertices(face: DesignFace) -> tuple[Array, npt.NDArray[np.int64]]:
+    """The loops of a trim one after the other, (M, 2), and where each begins, (K + 1,)."""
+    starts = np.cumsum([0, *(len(loop) for loop in face.loops)])
+    return np.ascontiguousarray(np.concatenate(face.loops)), starts
+
+
 def on_face(face: DesignFace, uv: Array) -> npt.NDArray[np.bool_]:
     """Which parameter points (N, 2) lie on the trimmed face, by the even-odd rule."""
-    starts = np.cumsum([0, *(len(loop) for loop in face.loops)])
-    vertices = np.ascontiguousarray(np.concatenate(face.loops))
+    vertices, starts = loop_vertices(face)
     out = np.empty(len(uv), dtype=np.bool_)
     inside_even_odd(uv[:, 0].copy(), uv[:, 1].copy(), vertices, starts, out)
     return out

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from conflank_cli.detection.line_field import SeedLines, seed_lines
+from conflank_cli.detection.line_field import TURN, SeedLines, seed_lines, turned_lines
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import interpolated, round_face, stacked, work
@@ -158,6 +158,52 @@ def test_elliptic_face_gives_the_direction_of_least_curvature() -> None:
     seeds = seed_lines(face, tool, np.zeros((1, 2)), MIDDLE)
     np.testing.assert_allclose(np.abs(seeds.d), [[0.0, 1.0, 0.0]] * 2, atol=1e-7)
     np.testing.assert_allclose(seeds.curvature, 1.0 / 104.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize("bend", [0.012, 0.02, 0.05])
+def test_turned_lines_spread_to_where_the_distance_bends_by_what_is_let_pass(bend: float) -> None:
+    """The same top: cos² ψ / 104 + sin² ψ / 34 at the angle ψ against y; beyond 1 / 34 everything is let pass."""
+    face = work(interpolated(lambda u, v: stacked(u, v, -u * u / 60 - v * v / 200), (-9, 9), (-9, 9), 8), 1)
+    tool = Tool("cylinder", 4.0, 4.0, 20.0)
+    lines = turned_lines(face, tool, np.zeros((1, 2)), MIDDLE, np.array([bend]))
+    angle = np.arctan2(np.abs(lines.d[:, 0]), np.abs(lines.d[:, 1]))
+    np.testing.assert_allclose(lines.curvature, np.cos(angle) ** 2 / 104 + np.sin(angle) ** 2 / 34, rtol=1e-7)
+    widest = np.arcsin(np.sqrt(min((bend - 1 / 104) / (1 / 34 - 1 / 104), 1.0)))
+    count = round(widest / TURN)
+    steps = widest * np.arange(1, count + 1) / max(count, 1)
+    np.testing.assert_allclose(np.unique(angle.round(6)), steps, atol=1e-5)
+    # On both sides of y and either way round; along x both sides are one line.
+    assert len(lines.d) == 4 * count - (2 if bend > 1 / 34 else 0)
+
+
+def test_turned_lines_of_a_sphere_go_all_round_or_there_are_none() -> None:
+    def cap(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return stacked(u, v, np.sqrt(2500.0 - u**2 - v**2))
+
+    face = work(interpolated(cap, (-9, 9), (-9, 9)), 1)
+    tool = Tool("cylinder", 4.0, 4.0, 20.0)
+    none = turned_lines(face, tool, np.zeros((1, 2)), MIDDLE, np.array([0.9 / 54.0]))
+    assert len(none.d) == 0
+    lines = turned_lines(face, tool, np.zeros((1, 2)), MIDDLE, np.array([1.1 / 54.0]))
+    # With the one that `seed_lines` has.
+    d = np.concatenate([lines.d, seed_lines(face, tool, np.zeros((1, 2)), MIDDLE).d])
+    around = np.sort(np.arctan2(d[:, 1], d[:, 0]))
+    np.testing.assert_allclose(np.diff(around), TURN, atol=1e-6)
+
+
+def test_bend_of_turned_lines_is_the_second_derivative_of_the_distance() -> None:
+    """The second difference of the residual over ± h tends to it with h²: halving h divides what is missing by 4."""
+    uv = np.array([[0.2, 0.15]])
+    tool = CATALOGUE["T3"]
+    face = work(interpolated(hyperboloid, (-0.6, 0.6), (-0.6, 0.6)), 1)
+    lines = turned_lines(face, tool, uv, MIDDLE, np.array([0.02]))
+    assert len(lines.p) >= 4
+    for p, d, bend in zip(lines.p, lines.d, lines.curvature, strict=True):
+        missing = []
+        for h in (2.0, 1.0, 0.5):
+            off = [distance_to(hyperboloid, p + (10.0 + s) * d, uv[0]) for s in (-h, 0.0, h)]
+            missing.append(abs(off[0] - 2.0 * off[1] + off[2]) / h**2 - bend)
+        np.testing.assert_allclose(np.divide(missing[1:], missing[:-1]), 0.25, rtol=0.2)
 
 
 def test_no_line_where_the_sphere_does_not_fit() -> None:

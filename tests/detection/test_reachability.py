@@ -10,8 +10,10 @@ import pytest
 from benchmarks.envelopes import cylinder
 from conflank_cli.detection.reachability import reachability
 from conflank_cli.detection.tracing import SPHERES
+from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.footpoint import Projector
-from conflank_cli.tool import CATALOGUE
+from conflank_cli.geometry.workface import WorkFace, on_face
+from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import envelope, interpolated, round_face, stacked, work
 
 Array = np.ndarray
@@ -90,5 +92,75 @@ def test_the_error_reported_is_that_of_the_line_reported() -> None:
             max(np.abs(error[a : a + 8]).max(), -error[there].min())
             for a in range(SPHERES - 7)
             if a <= contact < a + 8 and there[a : a + 8].all()
+        ]
+        assert min(runs) == pytest.approx(found.error[k], abs=1e-6)
+
+
+def test_a_whole_flute_on_a_face_hardly_longer_than_it_reaches_every_point() -> None:
+    """Each point has its own few heights at which the flute stays on the face; no start has them all."""
+    face = work(round_face(RADIUS, height=1.1 * CYLINDER.length), 1, 0.5 * CYLINDER.length)
+    found = reachability(face, CYLINDER, face.samples(2.0), engaged=1.0)
+    assert found.error.max() < 1e-6
+
+
+def test_a_line_may_be_best_in_a_direction_that_bends_more() -> None:
+    """z = x⁴ c - x² k / 2 - 0.3 k y², with c = k / (2 a²): a Chebyshev polynomial along x over the run of length 2 a.
+
+    At the top the face bends more along x than along y, but over the run a line along x is off by k a² / 16 only, and
+    one along y by 0.6 k a² / 4.
+    """
+    k, run = 0.004, 8
+    a = 0.5 * (run - 1) * CYLINDER.length / (SPHERES - 1)
+
+    def shape(x: Array, y: Array) -> Array:
+        return stacked(x, y, 0.5 * k / a**2 * x**4 - 0.5 * k * x**2 - 0.3 * k * y**2)
+
+    face = work(interpolated(shape, (-4.0, 4.0), (-20.0, 20.0)), 1, 20.0)
+    samples = face.samples(2.0)
+    found = reachability(face, CYLINDER, samples, engaged=run / SPHERES)
+    top = np.linalg.norm(samples.uv, axis=1) < 1.5
+    assert top.any()
+    assert np.all(found.error[top] < 1.05 * k * a**2 / 16)
+
+
+@pytest.mark.parametrize("contact", [0.0, 6.0])
+def test_the_error_is_the_least_maximum_of_a_cubic(contact: float) -> None:
+    """z = b x y + c (x³ + y³): along either ruling of b x y the level, slope and curvature of the error can be had for
+    nothing, and what is left of c s³ over a run of length 2 a is c a³ / 4, wherever the run touches."""
+    b, c, thin = 0.012, 8e-5, Tool("thin", 0.2, 0.2, 16.0)
+    face = work(
+        interpolated(lambda x, y: stacked(x, y, b * x * y + c * (x**3 + y**3)), (-12.0, 12.0), (-12.0, 12.0)), 1, 8.0
+    )
+    samples = face.samples(1.5)
+    found = reachability(face, thin, samples, engaged=1.0)
+    a = 0.5 * thin.length
+    heights = np.linspace(-a, a, SPHERES)
+    cubic = np.abs(heights**3 - 0.75 * a**2 * heights).max()
+    near = np.linalg.norm(samples.uv - contact, axis=1) < 2.0
+    np.testing.assert_allclose(found.error[near], c * cubic, rtol=0.03)
+
+
+def test_the_trim_counts_exactly() -> None:
+    """A round trim, whose cells in the raster are a tenth of a millimetre: the feet of every line are on the face."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    surface = interpolated(lambda u, v: stacked(u, v, 0.012 * u * v), (-20.0, 20.0), (-20.0, 20.0))
+    loop = 11.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    face = WorkFace.of(DesignFace(0, "", surface, (loop,), 1), 0.0)
+    tool = CATALOGUE["T1"]
+    # The outermost samples are nearer to the loop than the middle of their cell is.
+    samples = face.samples(1.0)
+    found = reachability(face, tool, samples)
+    assert np.all(np.isfinite(found.error))
+    heights = np.linspace(*tool.centre_range, SPHERES)
+    centres = found.p[:, None] + heights[:, None] * found.d[:, None]
+    feet = face.projector.project(centres.reshape(-1, 3))
+    error = feet.distance.reshape(len(centres), -1) - tool.sphere_radius(heights)
+    there = on_face(face.face, np.stack([feet.u, feet.v], axis=1)).reshape(error.shape)
+    contact = np.argmin(np.abs(heights - found.height[:, None]), axis=1)
+    for k in range(len(centres)):
+        runs = [
+            max(np.abs(error[k, a : a + 8]).max(), -error[k, there[k]].min())
+            for a in range(SPHERES - 7)
+            if a <= contact[k] < a + 8 and there[k, a : a + 8].all()
         ]
         assert min(runs) == pytest.approx(found.error[k], abs=1e-6)
