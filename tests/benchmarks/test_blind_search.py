@@ -12,6 +12,7 @@ from benchmarks.detection import fitted_exponent
 from benchmarks.envelopes import PATCH, random_envelopes
 from benchmarks.joined import join
 from benchmarks.shapes import smooth_surface
+from conflank_cli.detection.reachability import Reachability
 from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.workface import FaceSamples, WorkFace, on_face
@@ -160,7 +161,8 @@ def test_principal_curvatures_of_a_cylinder() -> None:
 def test_on_a_sphere_directions_off_the_field_are_put_down_to_the_elliptic_offset(ball: WorkFace) -> None:
     search, samples = BlindSearch.of(ball, CYLINDER), middle(ball, 2)
     lines = search.search(samples, (10,))
-    families = blind_families(search, samples, lines, np.full(2, np.inf), 2.0 * lines.error.max())
+    nothing = Reachability(samples, np.full(2, np.inf), *np.full((2, 2, 3), np.nan), np.full(2, np.nan), 0)
+    families = blind_families(search, samples, lines, nothing, 2.0 * lines.error.max())
     assert families
     assert {family.why for family in families} == {ELLIPTIC}
     assert max(family.area_alone for family in families) == pytest.approx(samples.areas.sum())
