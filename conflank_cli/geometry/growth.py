@@ -24,6 +24,8 @@ WORTH = 1.003
 NODES, ABOUT = 5, 0.15
 # Where a range of slides is equally good, stay so far from its ends if it is wide enough, mm.
 INSET = 0.3
+# Times at which the steadiness of a motion is looked at.
+LOOKS = 121
 
 
 def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits) -> Array:
@@ -118,3 +120,18 @@ def lengthened(motion: Motion, distance: float, at_end: bool) -> Motion:
     times = np.concatenate([t, 1.0 + beyond[:, 0]] if at_end else [beyond[:, 0], t])
     both = np.concatenate([inner, added] if at_end else [added, inner])
     return fitted((times - times[0]) / (times[-1] - times[0]), both, round(len(motion.p) * (1.0 + more)))
+
+
+def steadiness(face: WorkFace, motion: Motion) -> float:
+    """How steadily the axis moves across itself: the least share of its velocity that goes across, along the face.
+
+    1 for a motion that is orthogonal to its axis throughout; what slides along its axis has less, and below 0 it swings
+    back for a while.
+    """
+    t = np.linspace(0.0, 1.0, LOOKS)
+    (p, q), (slope_p, slope_q) = motion.ends(t), motion.ends(t, 1)
+    velocity = 0.5 * (slope_p + slope_q)
+    forward = np.cross(q - p, face.projector.project(0.5 * (p + q)).normal)
+    share = np.einsum("ni,ni->n", velocity, forward)
+    share /= np.linalg.norm(velocity, axis=1) * np.linalg.norm(forward, axis=1)
+    return float((share * np.sign(share.sum())).min())

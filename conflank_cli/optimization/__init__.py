@@ -84,7 +84,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
             own = [k for k in sound if (sweeps[k].face, sweeps[k].tool) == key]
             if own:
                 chosen.extend(own[k] for k in _worth_refining(task, np.array([gaps[k] for k in own])))
-        refined = side_by_side("refine", lambda k: task_of[k].refined(solutions[k]), chosen)
+        refined = side_by_side("refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion), chosen)
         for k, solution in zip(chosen, refined, strict=True):
             solutions[k] = solution
     if not sound:

@@ -29,13 +29,13 @@ BoolArray = npt.NDArray[np.bool_]
 # Rigidity counts so much more than in the paper's functional: nothing else holds |pq| = L to well below a micrometre.
 STIFF = 1.0e4
 # Of the paper's weight of fairness: what is kept so that control points that no point of the face holds stay quiet.
-FAIR = 1.0e-6
+FAIR = 1.0e-4
 # Poses at which rigidity is asked for, for every control point.
 POSES = 6
 # The control points move by no more than this in one step, mm: beyond it the poses that count are others.
 LONGEST_STEP = 0.3
-# Points whose gap is beyond this many tolerances have no say, and are not looked at again.
-FAR = 12.0
+# Points whose gap is beyond this many scales have no say, and are not looked at again.
+FAR = 4.0
 # Of the area of a point inside, what a point on the border stands for.
 BORDER = 0.5
 # A Levenberg term that is too weak is raised by the one factor, one that is strong enough lowered by the other; so
@@ -57,9 +57,9 @@ class Points:
         along = np.full(len(border), BORDER * float(samples.areas.mean()))
         return cls(np.concatenate([samples.points, border]), np.concatenate([samples.areas, along]))
 
-    def near(self, motion: Motion, tool: Tool, limits: Limits) -> Points:
-        """Those that a motion comes near."""
-        reach = FAR * max(limits.under, limits.over)
+    def near(self, motion: Motion, tool: Tool, limits: Limits, scale: float) -> Points:
+        """Those that a motion comes near, for a polish whose first scale is `scale`."""
+        reach = FAR * scale * max(limits.under, limits.over)
         near = motion_gap(motion, tool, self.x, limits.allowance, reach)[0] < reach
         return Points(self.x[near], self.areas[near])
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import away_from, best_slide, lengthened, slid
+from conflank_cli.geometry.growth import away_from, best_slide, lengthened, slid, steadiness
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -28,6 +28,8 @@ Norm = int | Literal["max"]
 PAPER_STEPS, FADE_STEPS, SETTLE_STEPS = 4, 8, 6
 # Rigidity gains weight as the other terms fade, so that |pq| = L holds to well below a micrometre.
 STIFFEST = 1.0e3
+# Fairness and orthogonality do not fade below this: they no longer shift the envelope, and keep the soft modes quiet.
+LEAST_FADE = 1.0e-3
 # Stock left counts in full up to about this many tolerances, at first and in the end.
 SCALE_FIRST, SCALE_LAST = 3.0, 0.8
 # Control points while settling: one every so many mm of travel, at most so many.
@@ -36,8 +38,13 @@ FINE_SPACING, FINE_MOST = 3.0, 64
 SETTLE_PROXIMITY = 0.01
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
-# Scales of the polish on the swept gap, in stock tolerances, and its factor on mu3.
-POLISH_SCALES, POLISH_PROXIMITY = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 6, 0.1
+# Scales of the polish on the swept gap, in stock tolerances: after growth, and of a candidate that nothing else has
+# worked on; and the factor on mu3.
+POLISH_SCALES = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 4
+DIRECT_SCALES = (30.0,) * 4 + (6.0,) * 3 + (3.0,) * 3 + (1.0,) * 4
+POLISH_PROXIMITY = 0.03
+# A sweep moves across its axis with this share of its velocity at least, or it is no steady cut.
+STEADY = 0.3
 # Norms of the gap that lead to the one asked for, each with so many steps; the last ones are near enough to the least
 # maximum for linear programs to finish it.
 NORM_STEPS: dict[int, int] = {2: 4, 4: 4, 8: 6, 16: 8, 32: 8}
@@ -71,19 +78,28 @@ class Task:
         """The paper's problem from a detected motion."""
         return self._minimise(motion, self._schedule(), self.weights)
 
-    def refined(self, solution: Solution) -> Solution:
-        """Finer knots, then moves that cover more, as long as they do, then the polish on the swept gap."""
-        count = int(np.clip(round(travel(solution.motion) / FINE_SPACING) + 3, len(solution.motion.p), FINE_MOST))
-        best = self._settled(solution.motion.respaced(count))
+    def refined(self, solution: Solution, candidate: Motion) -> Solution:
+        """Finer knots, then moves that cover more, as long as they do, then the polish on the swept gap.
+
+        candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
+        envelope that the paper's functional slides off along the axis; the one that covers more is gone on with.
+        """
+        best = self._settled(self._refitted(solution.motion))
         if best.failed:
             return solution
-        if self.grow:
-            best = self.grown(best)
         if self.polish:
-            best = self.polished(best)
+            best = self._better(best, self._polished(self._refitted(candidate), DIRECT_SCALES))
+        if self.grow:
+            best = self._grown(best)
+        if self.polish:
+            best = self._flattened(self._better(best, self._polished(best.motion, POLISH_SCALES)))
         return replace(best, start=solution.start)
 
-    def grown(self, solution: Solution) -> Solution:
+    def _refitted(self, motion: Motion) -> Motion:
+        count = int(np.clip(round(travel(motion) / FINE_SPACING) + 3, len(motion.p), FINE_MOST))
+        return motion.respaced(count)
+
+    def _grown(self, solution: Solution) -> Solution:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
         best = solution
         area = self._covered_area(best.motion)
@@ -95,38 +111,49 @@ class Task:
                 if moved is None:
                     continue
                 trial = self._settled(moved)
-                if not trial.failed and (grown := self._covered_area(trial.motion)) > WORTH * area:
+                if trial.failed or not self._steady(trial.motion):
+                    continue
+                if (grown := self._covered_area(trial.motion)) > WORTH * area:
                     best, area = trial, grown
             if area == before:
                 break
         return best
 
-    def polished(self, solution: Solution) -> Solution:
-        """The solution polished on the swept gap; what the polish would make worse stays as it was."""
-        motion = solution.motion
-        points = self.points.near(motion, self.tool, self.limits)
-        weights = replace(self.weights, mu3=self.weights.mu3 * POLISH_PROXIMITY)
-        area = self._covered_area(motion)
-        more = for_area(self.tool, motion, points, self.limits, weights, POLISH_SCALES)
-        if more is not None and (served := self._covered_area(more)) > area:
-            motion, area = more, served
-        if self.norm != 2:
-            flat = self._flattened(motion, points, weights)
-            if self._covered_area(flat) >= (1.0 - FLATTER) * area:
-                motion = flat
-        if motion is solution.motion:
-            return solution
-        return with_motion(solution, self.face, self.tool, motion, self.limits.allowance, self._grid(motion))
+    def _polished(self, motion: Motion, scales: tuple[float, ...]) -> Motion | None:
+        points = self.points.near(motion, self.tool, self.limits, scales[0])
+        return for_area(self.tool, motion, points, self.limits, self._polish_weights, scales)
 
-    def _flattened(self, motion: Motion, points: Points, weights: Weights) -> Motion:
+    def _better(self, solution: Solution, motion: Motion | None) -> Solution:
+        """The solution, or with `motion` in it if that covers more and is steady."""
+        if motion is None or self._covered_area(motion) <= self._covered_area(solution.motion):
+            return solution
+        return self._with(solution, motion) if self._steady(motion) else solution
+
+    def _flattened(self, solution: Solution) -> Solution:
+        """The solution with the norm of its gap made small that the job asks for, unless that costs area."""
+        if self.norm == 2:
+            return solution
+        motion = solution.motion
+        points = self.points.near(motion, self.tool, self.limits, POLISH_SCALES[0])
         norms = tuple(
             p for p, steps in NORM_STEPS.items() if self.norm == "max" or p <= self.norm for _ in range(steps)
         )
-        flat = for_norm(self.tool, motion, points, self.limits, weights, norms)
-        if self.norm != "max":
-            return flat
-        served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
-        return least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
+        flat = for_norm(self.tool, motion, points, self.limits, self._polish_weights, norms)
+        if self.norm == "max":
+            served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
+            flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
+        keeps = self._covered_area(flat) >= (1.0 - FLATTER) * self._covered_area(motion)
+        return self._with(solution, flat) if keeps and self._steady(flat) else solution
+
+    @property
+    def _polish_weights(self) -> Weights:
+        return replace(self.weights, mu3=self.weights.mu3 * POLISH_PROXIMITY)
+
+    def _steady(self, motion: Motion) -> bool:
+        return steadiness(self.face, motion) >= STEADY
+
+    def _with(self, solution: Solution, motion: Motion) -> Solution:
+        return with_motion(solution, self.face, self.tool, motion, self.limits.allowance, self._grid(motion))
 
     def gaps(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""
@@ -170,7 +197,7 @@ class Task:
         steps = [Step(1.0, 1.0, SCALE_FIRST * under, False)] * PAPER_STEPS
         for k in range(1, FADE_STEPS + 1):
             scale = SCALE_FIRST * (SCALE_LAST / SCALE_FIRST) ** (k / FADE_STEPS) if self.polish else SCALE_FIRST
-            steps.append(Step(10.0**-k, min(10.0 ** (k / 2), STIFFEST), scale * under, self.polish))
+            steps.append(Step(max(10.0**-k, LEAST_FADE), min(10.0 ** (k / 2), STIFFEST), scale * under, self.polish))
         return tuple(steps)
 
     def _minimise(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:

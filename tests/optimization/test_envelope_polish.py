@@ -95,9 +95,9 @@ def test_one_sided_tolerances_are_kept() -> None:
 def test_nothing_near_is_nothing_to_polish() -> None:
     points = Points(arc_points(), np.ones(len(arc_points())))
     far = level(30.0)
-    assert len(points.near(far, CYLINDER, LIMITS).x) == 0
-    assert for_area(CYLINDER, far, points.near(far, CYLINDER, LIMITS), LIMITS, WEIGHTS, (1.0,)) is None
-    assert for_norm(CYLINDER, far, points.near(far, CYLINDER, LIMITS), LIMITS, WEIGHTS, (2,)) is far
+    assert len(points.near(far, CYLINDER, LIMITS, 3.0).x) == 0
+    assert for_area(CYLINDER, far, points.near(far, CYLINDER, LIMITS, 3.0), LIMITS, WEIGHTS, (1.0,)) is None
+    assert for_norm(CYLINDER, far, points.near(far, CYLINDER, LIMITS, 3.0), LIMITS, WEIGHTS, (2,)) is far
 
 
 def test_a_task_never_loses_area_by_polishing() -> None:
@@ -111,7 +111,7 @@ def test_a_task_never_loses_area_by_polishing() -> None:
     off = task.first(Motion(exact.knots, exact.p + 0.003, exact.q - 0.003))
     before = samples.areas[task.covered(task.gaps(off.motion))].sum()
     for norm in (2, 8, "max"):
-        after = replace(task, norm=norm).polished(off)
+        after = replace(task, norm=norm).refined(off, off.motion)
         covered = task.covered(task.gaps(after.motion))
         assert samples.areas[covered].sum() >= 0.998 * before
         assert np.abs(task.gaps(after.motion)[covered]).max() < 1e-3
