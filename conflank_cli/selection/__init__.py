@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.cover import fewest_cover, mean_errors
+from conflank_cli.geometry.certificate import Certificate, certify
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.limits import Limits
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -25,10 +27,6 @@ BoolArray = npt.NDArray[np.bool_]
 POINTS = 6000
 # A sweep that adds less than this share of the area is not worth its time.
 LEAST_GAIN = 0.005
-# Points on which the chosen sweeps are looked over once more for overcut: under half a millimetre apart on a blade.
-DENSE_POINTS = 40000
-# The poses they are looked over at first are this far apart, mm.
-DENSE_STEP = 0.2
 # What posting may change of the swept gap, mm: so much of the tolerance is left to it.
 POSTING = 0.0005
 
@@ -46,8 +44,8 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     """Choose sweeps for every face in turn; returns them in cutting order, and a summary.
 
     A sweep is trimmed to its longest stretch without overcut or collision, then judged by its swept gap on points of
-    its face. The summary holds coverage by face and in total, the number of sweeps screened and rejected, and the mean
-    |g| in µm over what is covered.
+    its face; what is chosen has a certificate that it overcuts nowhere, not only at points. The summary holds coverage
+    by face and in total, the number of sweeps screened and rejected, and the mean |g| in µm over what is covered.
     """
     job = scene.job
     tolerance = job.tolerance
@@ -85,24 +83,24 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
         reports: list[_FaceReport] = []
         for index, (face, sample) in enumerate(zip(faces, samples, strict=True)):
             own = [item for item in judged if item.sweep.face == index]
-            dense = face.samples(face.spacing(DENSE_POINTS)).points
+            certificates: dict[int, Certificate] = {}
 
-            def overcuts(item: _Judged, points: Array = dense) -> bool:
-                gap = motion_gap(
-                    item.sweep.motion, tools[item.sweep.tool], points, tolerance.allowance, step=DENSE_STEP
-                )[0]
-                return bool(gap.min() < -over)
+            def certificate(item: _Judged, face: WorkFace = face) -> Certificate:
+                limits = Limits(over, under, tolerance.allowance)
+                return certify(item.sweep.motion, tools[item.sweep.tool], face, limits)
 
             chosen = _cover(own, sample.areas, job.selection.coverage)
-            # A spot of overcut can hide between the points of the choice, not between those of verification.
+            # A spot of overcut can hide between the points of the choice, but not from the certificate.
             while True:
-                gouging = {id(item) for item, bad in zip(chosen, pool.map(overcuts, chosen), strict=True) if bad}
+                new = [item for item in chosen if id(item) not in certificates]
+                certificates |= {id(item): found for item, found in zip(new, pool.map(certificate, new), strict=True)}
+                gouging = {id(item) for item in chosen if certificates[id(item)].overcut > over}
                 if not gouging:
                     break
                 own = [item for item in own if id(item) not in gouging]
                 judged = [item for item in judged if id(item) not in gouging]
                 chosen = _cover(own, sample.areas, job.selection.coverage)
-            plan.extend(_described(item, sample.areas) for item in chosen)
+            plan.extend(_described(item, sample.areas, certificates[id(item)]) for item in chosen)
             reports.append(_report(scene.faces[index].number, chosen, sample.areas))
     covered_area = sum(report.covered for report in reports)
     summary: dict[str, Any] = {
@@ -149,7 +147,7 @@ def _report(face: int, chosen: list[_Judged], areas: Array) -> _FaceReport:
     )
 
 
-def _described(item: _Judged, areas: Array) -> Sweep:
+def _described(item: _Judged, areas: Array, certificate: Certificate) -> Sweep:
     inside = item.gap[item.covered]
     weight = areas[item.covered]
     facts = {
@@ -159,5 +157,8 @@ def _described(item: _Judged, areas: Array) -> Sweep:
         "gap_min_um": 1e3 * float(inside.min()),
         "gap_mean_abs_um": 1e3 * float(np.abs(inside) @ weight / weight.sum()),
         "gap_max_um": 1e3 * float(inside.max()),
+        "certified_overcut_um": 1e3 * certificate.overcut,
+        "certified_gap_um": 1e3 * certificate.gap,
+        "certified_area_mm2": certificate.area,
     }
     return replace(item.sweep, facts=facts)

@@ -55,6 +55,11 @@ def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> N
         assert sweep.facts["lines"] == 7.0  # what stages before have measured stays
         assert sweep.facts["length_mm"] == pytest.approx(WIDTH + 6.0, abs=1e-6)
         assert sweep.facts["covered_area_mm2"] == pytest.approx(WIDTH * FLUTE, rel=0.02)
+        # All of the strip but its borders is certain, and below the flute what the ball leaves less than 9.5 µm on.
+        ball = WIDTH * np.sqrt(2.0 * 3.0 * 0.0095)
+        assert WIDTH * FLUTE - 5.0 < sweep.facts["certified_area_mm2"] < WIDTH * FLUTE + ball
+        assert 0.0 <= sweep.facts["certified_overcut_um"] < 0.8
+        assert sweep.facts["certified_gap_um"] < 9.5 + 1e-9
 
 
 def test_coverage_and_mean_gap_are_those_of_the_plan() -> None:
