@@ -32,8 +32,9 @@ STIFFEST = 1.0e3
 LEAST_FADE = 1.0e-3
 # Stock left counts in full up to about this many tolerances, at first and in the end.
 SCALE_FIRST, SCALE_LAST = 3.0, 0.8
-# Control points while settling: one every so many mm of travel, at most so many.
-FINE_SPACING, FINE_MOST = 3.0, 64
+# Control points while settling: one every so many mm of travel, but not fewer than the second figure, which the spline
+# needs for the last tenth of a micrometre, nor more than the third.
+FINE_SPACING, FINE_FEWEST, FINE_MOST = 3.0, 26, 64
 # Factor on mu3 while settling: the soft modes have settled by then, and proximity would only slow what is left.
 SETTLE_PROXIMITY = 0.01
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
@@ -48,8 +49,8 @@ STEADY = 0.3
 # Norms of the gap that lead to the one asked for, each with so many steps; the last ones are near enough to the least
 # maximum for linear programs to finish it.
 NORM_STEPS: dict[int, int] = {2: 4, 4: 4, 8: 6, 16: 8, 32: 8}
-# A flatter gap may cost this share of the area.
-FLATTER = 0.002
+# Areas that differ by no more than this share are alike: the smaller gap decides. A flatter gap may cost twice that.
+ALIKE, FLATTER = 0.001, 0.002
 # A sweep is continued where this share of its last axis is still on the face.
 STILL_ON_FACE = 0.08
 
@@ -96,7 +97,7 @@ class Task:
         return replace(best, start=solution.start)
 
     def _refitted(self, motion: Motion) -> Motion:
-        count = int(np.clip(round(travel(motion) / FINE_SPACING) + 3, len(motion.p), FINE_MOST))
+        count = int(np.clip(round(travel(motion) / FINE_SPACING) + 3, max(len(motion.p), FINE_FEWEST), FINE_MOST))
         return motion.respaced(count)
 
     def _grown(self, solution: Solution) -> Solution:
@@ -124,10 +125,20 @@ class Task:
         return for_area(self.tool, motion, points, self.limits, self._polish_weights, scales)
 
     def _better(self, solution: Solution, motion: Motion | None) -> Solution:
-        """The solution, or with `motion` in it if that covers more and is steady."""
-        if motion is None or self._covered_area(motion) <= self._covered_area(solution.motion):
+        """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""
+        if motion is None or not self._steady(motion):
             return solution
-        return self._with(solution, motion) if self._steady(motion) else solution
+        (area, mean), (new_area, new_mean) = self._served(solution.motion), self._served(motion)
+        more = new_area > (1.0 + ALIKE) * area
+        finer = new_area > (1.0 - ALIKE) * area and new_mean < mean
+        return self._with(solution, motion) if more or finer else solution
+
+    def _served(self, motion: Motion) -> tuple[float, float]:
+        """Covered area in mm2, and the mean |g| over it in mm."""
+        gaps = self.gaps(motion)
+        covered = self.covered(gaps)
+        areas = self.samples.areas[covered]
+        return float(areas.sum()), float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
 
     def _flattened(self, solution: Solution) -> Solution:
         """The solution with the norm of its gap made small that the job asks for, unless that costs area."""
@@ -167,7 +178,7 @@ class Task:
         return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
 
     def _covered_area(self, motion: Motion) -> float:
-        return float(self.samples.areas[self.covered(self.gaps(motion))].sum())
+        return self._served(motion)[0]
 
     def _slid(self, solution: Solution) -> Motion | None:
         motion = solution.motion
