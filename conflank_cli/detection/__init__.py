@@ -108,7 +108,7 @@ def _families(
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         fitted = list(pool.map(motions, range(len(families))))
-    found = []
+    found: list[tuple[Motion, dict[str, float]]] = []
     for family, (contact, through) in zip(families, fitted, strict=True):
         facts = {
             "lines": float(len(contact.p)),

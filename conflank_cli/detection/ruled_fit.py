@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from functools import cache
 from typing import NamedTuple
 
@@ -17,20 +18,21 @@ from conflank_cli.motion import DEGREE, Motion, uniform_knots
 
 Array = npt.NDArray[np.float64]
 
-# Control points are added, by a fifth at a time, until the motion is nowhere further from its lines, along the surface
-# normal, than this share of the tighter tolerance.
-SHARE = 0.5
-FEWEST, MOST, GROWTH = 6, 32, 1.2
-# At least so many lines to a control point: the lines scatter a little, each refined by itself, and are not followed
-# there.
-LINES_EACH = 3
+# The fewest control points are taken with which the motion is no further from its lines, along the surface normal,
+# than this share of the tighter tolerance at all but STRAY of the spheres: the lines are refined one by one, and where
+# a different part of the flute begins to fit they jump.
+SHARE, STRAY = 0.5, 0.02
+FEWEST, MOST = 6, 32
+# At least so many lines to a control point, unless rigidity asks for more: the scatter of lines is not to be followed.
+LINES_EACH = 2
 # |pq| keeps to the flute's length within this, mm.
 RIGID = 1e-3
 # Weights against the contact's, which is 1 for a line that fits along its whole flute. Along the surface a line may lie
-# anywhere, and holds the motion only as far as it does not matter; rigidity is a condition.
-ALONG, STIFF = 1e-3, 1e3
+# anywhere: there it holds the motion only loosely, and third differences of the control points are held down.
+# Rigidity is a condition.
+ALONG, FAIR, STIFF = 1e-3, 1e-4, 1e4
 # Rounds in which rigidity is asked for about the directions that the round before has led to, between lines as well.
-ROUNDS = 3
+ROUNDS = 4
 
 
 class _Basis(NamedTuple):
@@ -54,8 +56,8 @@ class _Basis(NamedTuple):
 
 @cache
 def _dense(count: int) -> _Basis:
-    """Four times in each knot span and the end."""
-    return _Basis.at(np.linspace(0.0, 1.0, 4 * (count - DEGREE) + 1), count)
+    """Six times in each knot span and the end."""
+    return _Basis.at(np.linspace(0.0, 1.0, 6 * (count - DEGREE) + 1), count)
 
 
 class _Equations:
@@ -69,6 +71,14 @@ class _Equations:
         other = _Equations(len(self.right) // 6)
         other.band[:], other.right[:] = self.band, self.right
         return other
+
+    def smooth(self, weight: float) -> None:
+        """Hold third differences of the control points down."""
+        count = len(self.right) // 6
+        difference = np.diff(np.eye(count), DEGREE, axis=0)
+        pairs = weight * difference.T @ difference
+        for k in range(DEGREE + 1):
+            self.band[6 * k, : 6 * (count - k)] += np.repeat(np.diagonal(pairs, -k), 6)
 
     def add(self, basis: _Basis, rows: Array, aims: Array, weights: Array) -> None:
         """rows (K, J, 6) shall give aims (K, J), each counted with its weight (K, J)."""
@@ -89,8 +99,8 @@ def fit_motion(contact: Contact, length: float, limits: Limits) -> Motion:
 
     What counts is the distance from the lines along the surface normal, at spheres within tolerance; where a line
     stands off the face or beside it, and along the face, the motion may cut corners. t runs with the travel of the
-    middle of the axis. |pq| = length within RIGID, and the distance within SHARE of the tolerance, unless the largest
-    number of control points does not give it.
+    middle of the axis. |pq| = length within RIGID unless MOST control points do not give it, which takes lines that
+    turn back and forth from one to the next.
 
     Source: Piegl and Tiller, The NURBS Book (1997), section 9.4 (weighted least squares).
     """
@@ -106,34 +116,37 @@ def fit_motion(contact: Contact, length: float, limits: Limits) -> Motion:
     weights = contact.weight / len(s)
     within = (contact.on > 0.5) & (contact.error >= -limits.over) & (contact.error <= limits.under)
     close = SHARE * min(limits.over, limits.under)
-    counts = _counts(len(p))
-    for count in counts:
-        basis, dense = _Basis.at(t, count), _dense(count)
+
+    def through(count: int, rounds: int) -> Array:
+        """The fit with so many control points, rigid after enough rounds."""
+        dense = _dense(count)
         between = np.stack([np.interp(dense.t, t, ends[:, k]) for k in range(6)], axis=1)
-        contacts = _Equations(count)
-        contacts.add(basis, rows, aims, weights)
+        equations = _Equations(count)
+        equations.add(_Basis.at(t, count), rows, aims, weights)
         each = np.full(between.shape, ALONG * len(t) / len(dense.t))
-        contacts.add(dense, np.tile(np.eye(6), (len(dense.t), 1, 1)), between, each)
-        control = _rigid(contacts, dense, between, length)
-        if count < counts[-1] and _furthest(rows, basis @ control, aims, within) > close:
-            continue
-        for _ in range(ROUNDS):
+        equations.add(dense, np.tile(np.eye(6), (len(dense.t), 1, 1)), between, each)
+        equations.smooth(FAIR)
+        control = _rigid(equations, dense, between, length)
+        for _ in range(rounds):
             axes = dense @ control
             if _stretched(axes, length) <= RIGID:
                 break
-            control = _rigid(contacts, dense, axes, length)
-        if _stretched(dense @ control, length) <= RIGID and _furthest(rows, basis @ control, aims, within) <= close:
-            break
+            control = _rigid(equations, dense, axes, length)
+        return control
+
+    def is_close(count: int) -> bool:
+        offset = _Basis.at(t, count) @ through(count, 0)
+        away = np.abs((rows * offset[:, None, :]).sum(axis=2) - aims)[within]
+        return bool(np.count_nonzero(away > close) <= STRAY * away.size)
+
+    most = max(min(MOST, len(p) // LINES_EACH + DEGREE, len(p) - 1), DEGREE + 1)
+    counts = range(min(FEWEST, most), most)
+    count = (*counts, most)[bisect_left(counts, True, key=is_close)]
+    control = through(count, ROUNDS)
+    while _stretched(_dense(count) @ control, length) > RIGID and count < MOST:
+        count = min(count + count // 4, MOST)
+        control = through(count, ROUNDS)
     return Motion(uniform_knots(count), np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))
-
-
-def _counts(lines: int) -> list[int]:
-    """Numbers of control points to try for so many lines."""
-    most = max(min(MOST, lines // LINES_EACH + DEGREE, lines - 1), DEGREE + 1)
-    counts = [min(FEWEST, most)]
-    while counts[-1] < most:
-        counts.append(min(max(counts[-1] + 1, int(GROWTH * counts[-1])), most))
-    return counts
 
 
 def _rigid(contacts: _Equations, basis: _Basis, ends: Array, length: float) -> Array:
@@ -149,12 +162,6 @@ def _rigid(contacts: _Equations, basis: _Basis, ends: Array, length: float) -> A
         np.full(shape, STIFF / len(axes)),
     )
     return equations.solved()
-
-
-def _furthest(rows: Array, ends: Array, aims: Array, within: npt.NDArray[np.bool_]) -> float:
-    """Largest distance along the normal at spheres that count, mm."""
-    away = np.abs((rows * ends[:, None, :]).sum(axis=2) - aims)[within]
-    return float(away.max()) if away.size else 0.0
 
 
 def _stretched(ends: Array, length: float) -> float:
