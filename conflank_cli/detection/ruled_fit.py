@@ -28,8 +28,7 @@ LINES_EACH = 2
 # |pq| keeps to the flute's length within this, mm.
 RIGID = 1e-3
 # Weights against the contact's, which is 1 for a line that fits along its whole flute. Along the surface a line may lie
-# anywhere: there it holds the motion only loosely, and third differences of the control points are held down.
-# Rigidity is a condition.
+# anywhere: there it holds the motion only loosely, and third derivatives are held down. Rigidity is a condition.
 ALONG, FAIR, STIFF = 1e-3, 1e-4, 1e4
 # Rounds in which rigidity is asked for about the directions that the round before has led to, between lines as well.
 ROUNDS = 4
@@ -60,6 +59,15 @@ def _dense(count: int) -> _Basis:
     return _Basis.at(np.linspace(0.0, 1.0, 6 * (count - DEGREE) + 1), count)
 
 
+@cache
+def _third_derivatives(count: int) -> Array:
+    """Products (n, n) of the third derivatives of the splines, summed over the knot spans (they are constant there)."""
+    spans = count - DEGREE
+    middles = (np.arange(spans) + 0.5) / spans
+    values = BSpline(uniform_knots(count), np.eye(count), DEGREE)(middles, nu=DEGREE) / spans**DEGREE
+    return np.asarray(values.T @ values)
+
+
 class _Equations:
     """Banded normal equations for control points (n, 6), p then q: weighted rows of six times the splines at a time."""
 
@@ -73,12 +81,11 @@ class _Equations:
         return other
 
     def smooth(self, weight: float) -> None:
-        """Hold third differences of the control points down."""
-        count = len(self.right) // 6
-        difference = np.diff(np.eye(count), DEGREE, axis=0)
-        pairs = weight * difference.T @ difference
+        """Hold the third derivatives down, with time counted in knot spans."""
+        pairs = _third_derivatives(len(self.right) // 6)
         for k in range(DEGREE + 1):
-            self.band[6 * k, : 6 * (count - k)] += np.repeat(np.diagonal(pairs, -k), 6)
+            below = np.diagonal(pairs, -k)
+            self.band[6 * k, : 6 * len(below)] += weight * np.repeat(below, 6)
 
     def add(self, basis: _Basis, rows: Array, aims: Array, weights: Array) -> None:
         """rows (K, J, 6) shall give aims (K, J), each counted with its weight (K, J)."""
