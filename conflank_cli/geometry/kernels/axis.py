@@ -450,7 +450,7 @@ def trace_line(
                 error,
                 normal,
                 on,
-                scale,
+                2.0 * scale,
                 scale,
                 3,
                 1e-3,
