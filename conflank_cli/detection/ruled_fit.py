@@ -29,9 +29,9 @@ LINES_EACH = 2
 RIGID = 1e-3
 # Weights against the contact's, which is 1 for a line that fits along its whole flute. Along the surface a line may lie
 # anywhere: there it holds the motion only loosely, and third derivatives are held down. Rigidity is a condition.
-ALONG, FAIR, STIFF = 1e-3, 1e-4, 1e4
+ALONG, FAIR, STIFF = 1e-3, 1e-4, 1e5
 # Rounds in which rigidity is asked for about the directions that the round before has led to, between lines as well.
-ROUNDS = 4
+ROUNDS = 8
 
 
 class _Basis(NamedTuple):
