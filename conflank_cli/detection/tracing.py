@@ -58,10 +58,10 @@ class Traced:
     cell_areas: Array
 
 
-def sphere_heights(tool: Tool) -> Array:
-    """Heights of the sphere centres that a line is judged at, shape (SPHERES,), mm."""
+def sphere_heights(tool: Tool, count: int = SPHERES) -> Array:
+    """Heights of the sphere centres that a line is judged at, shape (count,), mm."""
     low, high = tool.centre_range
-    return np.linspace(low, high, SPHERES)
+    return np.linspace(low, high, count)
 
 
 def trace(
