@@ -3,6 +3,8 @@
 Run with ``python -m benchmarks.detection`` (or ``make bench``), one part of it with ``--only envelopes``, ``joined``,
 ``blades`` or ``time``. Nothing is optimised: what is judged is the sweeps as `conflank_cli.detection.detect` returns
 them. Real blades are looked for in ``../shared/parts`` beside the repository and left out where that folder is missing.
+By default a sample is drawn; the whole of what is asked, a hundred motions of each tool, is ``--only envelopes
+--motions 100``. How far it has got is shown on a terminal, on standard error.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
-from conflank_cli.progress import SilentProgress
+from conflank_cli.progress import Progress, SilentProgress, make_progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Tool
@@ -173,8 +175,10 @@ def _table(title: str, *headings: str) -> Table:
 # -- exact envelopes -------------------------------------------------------------------------------------------------
 
 
-def best_shares(face: DesignFace, tool: Tool, regions: Sequence[tuple[float, float]]) -> tuple[list[float], float, int]:
-    """Largest share of each known patch (u within a region) that one sweep cuts, seconds, number of sweeps."""
+def best_shares(
+    face: DesignFace, tool: Tool, regions: Sequence[tuple[float, float]]
+) -> tuple[list[float], float, list[int]]:
+    """Largest share of each known patch (u within a region) that one sweep cuts, seconds, control points of sweeps."""
     start = time.perf_counter()
     sweeps = detect(scene(face, (tool,)), SilentProgress())
     seconds = time.perf_counter() - start
@@ -185,33 +189,40 @@ def best_shares(face: DesignFace, tool: Tool, regions: Sequence[tuple[float, flo
     for low, high in regions:
         keep = (samples.uv[:, 0] >= low) & (samples.uv[:, 0] <= high)
         shares.append(max(share(samples.areas[keep], row[keep]) for row in cut))
-    return shares, seconds, len(sweeps)
+    return shares, seconds, [len(sweep.motion.p) for sweep in sweeps]
 
 
-def envelopes(console: Console, count: int) -> tuple[list[Verdict], dict[str, Any]]:
+def envelopes(console: Console, progress: Progress, count: int) -> tuple[list[Verdict], dict[str, Any]]:
     """Exact envelopes of `count` random motions of each tool: does one detected sequence cut the known patch?"""
     table = _table(
         f"exact envelopes: best single sequence as detected, within {1e3 * TOLERANCE:g} um",
-        "tool", "motions", ">= 90 %", "least %", "median %", "median s",
+        "tool", "motions", ">= 90 %", "least %", "median %", "median s", "control points",
     )  # fmt: skip
     rows: list[dict[str, Any]] = []
     for tool in (*CATALOGUE.values(), cylinder()):
         cases = random_envelopes(tool, count, SEED)
-        found = [best_shares(whole(case.surface, case.sense), tool, [PATCH]) for case in cases]
+        found = []
+        with progress.stage(f"envelopes of {tool.name}", count) as stage:
+            for case in cases:
+                found.append(best_shares(whole(case.surface, case.sense), tool, [PATCH]))
+                stage.advance()
         shares, seconds = np.array([row[0][0] for row in found]), np.array([row[1] for row in found])
+        points = [count for row in found for count in row[2]]
         rows += [
             {
                 "tool": tool.name,
                 "motion": k,
                 "share": round(row[0][0], 4),
                 "seconds": round(row[1], 2),
-                "sweeps": row[2],
+                "sweeps": len(row[2]),
+                "control_points": [min(row[2]), int(np.median(row[2])), max(row[2])],
             }
             for k, row in enumerate(found)
         ]
         table.add_row(
             tool.name, str(count), str(int((shares >= KNOWN_SHARE).sum())), f"{100 * shares.min():.1f}",
             f"{100 * np.median(shares):.1f}", f"{np.median(seconds):.2f}",
+            f"{min(points)} ... {max(points)}, median {np.median(points):.0f}",
         )  # fmt: skip
     console.print(table)
     missed = [row for row in rows if row["share"] < KNOWN_SHARE]
@@ -225,18 +236,22 @@ def envelopes(console: Console, count: int) -> tuple[list[Verdict], dict[str, An
     return verdicts, {"cases": rows}
 
 
-def joined(console: Console) -> tuple[list[Verdict], dict[str, Any]]:
+def joined(console: Console, progress: Progress) -> tuple[list[Verdict], dict[str, Any]]:
     """Two envelopes joined in one face: are both found?"""
     table = _table("two envelopes in one face", "tool", "first half %", "second half %", "sweeps", "s")
     rows: list[dict[str, Any]] = []
     both = 0
-    for case in joined_faces(SEED):
-        face = whole(case.surface, case.sense)
-        shares, seconds, count = best_shares(face, case.tool, case.halves)
+    cases = joined_faces(SEED)
+    with progress.stage("joined faces", len(cases)) as stage:
+        found = []
+        for case in cases:
+            found.append(best_shares(whole(case.surface, case.sense), case.tool, case.halves))
+            stage.advance()
+    for case, (shares, seconds, points) in zip(cases, found, strict=True):
         both += min(shares) >= KNOWN_SHARE
         rows.append({"tool": case.tool.name, "shares": [round(half, 4) for half in shares]})
         table.add_row(
-            case.tool.name, *(f"{100 * half:.1f}" for half in shares), str(count), f"{seconds:.2f}"
+            case.tool.name, *(f"{100 * half:.1f}" for half in shares), str(len(points)), f"{seconds:.2f}"
         )  # fmt: skip
     console.print(table)
     return [Verdict("both halves of a joined face", f"{len(rows)} of {len(rows)}", str(both), both == len(rows))], {
@@ -329,13 +344,18 @@ def blade(flank: Flank, tool: Tool, points: int, density: Density) -> dict[str, 
     return row
 
 
-def blades(console: Console, points: int, density: Density) -> tuple[list[Verdict], dict[str, Any]]:
+def blades(console: Console, progress: Progress, points: int, density: Density) -> tuple[list[Verdict], dict[str, Any]]:
     """Real blades: map against blind search, detected patches against what can be reached."""
     flanks = [flank for flank in FLANKS if (PARTS / flank.file).exists()]
     if not flanks:
         console.print(f"no folder {PARTS.parent.name}/{PARTS.name} beside the repository: real blades left out")
         return [], {}
-    rows = [blade(flank, CATALOGUE[name], points, density) for flank in flanks for name in flank.tools]
+    asked_about = [(flank, CATALOGUE[name]) for flank in flanks for name in flank.tools]
+    rows = []
+    with progress.stage("real blades", len(asked_about)) as stage:
+        for flank, tool in asked_about:
+            rows.append(blade(flank, tool, points, density))
+            stage.advance()
     maps = _table(
         f"reachable within {1e3 * TOLERANCE:g} um, % of the area (* region); at worst: at any of "
         f"{', '.join(f'{1e3 * t:g}' for t in TOLERANCES)} um",
@@ -491,7 +511,7 @@ def _plot(
 @click.command()
 @click.option("--only", type=click.Choice(["envelopes", "joined", "blades", "time"]), help="One part of the table.")
 @click.option("--points", default=150, show_default=True, help="Points on a real face, about.")
-@click.option("--motions", default=25, show_default=True, help="Random motions of each tool.")
+@click.option("--motions", default=6, show_default=True, help="Random motions of each tool; 100 for what is asked.")
 @click.option("--density", default="normal", show_default=True, type=click.Choice(list(DENSITIES)), help="On blades.")
 @click.option("--runs", default=2, show_default=True, help="The least time of so many runs counts.")
 @click.option("--json", "as_json", metavar="FILE", help="Write the figures to FILE too.")
@@ -500,13 +520,14 @@ def main(only: str | None, points: int, motions: int, density: Density, runs: in
     console = Console()
     if not console.is_terminal:
         console = Console(width=TABLE_WIDTH)
+    progress = make_progress(quiet=False)
     verdicts: list[Verdict] = []
     figures: dict[str, Any] = {}
     parts: dict[str, Callable[[], tuple[list[Verdict], dict[str, Any]]]] = {
         "time": lambda: timing(console, runs),
-        "envelopes": lambda: envelopes(console, motions),
-        "joined": lambda: joined(console),
-        "blades": lambda: blades(console, points, density),
+        "envelopes": lambda: envelopes(console, progress, motions),
+        "joined": lambda: joined(console, progress),
+        "blades": lambda: blades(console, progress, points, density),
     }
     for name, part in parts.items():
         if only in (None, name):

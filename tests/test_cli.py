@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from conflank_cli.artifacts import read_artifact
 from conflank_cli.cli import COMMANDS, cli
 
 # A hyperbolic paraboloid, 30 x 20 mm: ruled twice, so one sweep of a cone covers it within the tolerance.
@@ -104,6 +105,22 @@ def test_equal_inputs_give_equal_bytes_however_called(
     monkeypatch.chdir(finished)
     result = invoke("detect", "-", data=job.read_bytes())
     assert result.stdout_bytes == (finished / "out" / "candidates.npz").read_bytes()
+
+
+def test_density_on_the_command_line_goes_before_the_job(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(write_job(tmp_path, JOB.replace("quick", "exhaustive")))
+    result = invoke("detect", "job.toml", "--density", "quick", "-o", "candidates.npz")
+    assert result.exit_code == 0, result.stderr
+    (found, sweeps, _), (usual, expected, _) = (
+        read_artifact(str(path), "candidates") for path in ("candidates.npz", finished / "out" / "candidates.npz")
+    )
+    assert found.job.detection.density == usual.job.detection.density == "quick"
+    assert [sweep.facts for sweep in sweeps] == [sweep.facts for sweep in expected]
+    result = invoke("detect", "job.toml", "--density", "thorough")
+    assert result.exit_code == 2
+    assert "'quick', 'normal', 'exhaustive'" in result.stderr
 
 
 def test_run_as_json_keeps_stdout_for_data(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

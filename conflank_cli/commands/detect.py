@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import click
 
 from conflank_cli import options
 from conflank_cli.options import Talk
 
 
-@click.command(epilog="\b\nExample:\n  conflank detect job.toml -o candidates.npz")
+@click.command(epilog="\b\nExample:\n  conflank detect job.toml --density quick -o candidates.npz")
 @options.source("JOB")
 @options.output("the candidates (NPZ)")
+@click.option(
+    "--density",
+    type=click.Choice(["quick", "normal", "exhaustive"]),
+    help="How densely to look, instead of [detection] density of the job.",
+)
 @options.common
-def detect(source: str, output: str, talk: Talk) -> None:
+def detect(source: str, output: str, density: Literal["quick", "normal", "exhaustive"] | None, talk: Talk) -> None:
     """Find candidate sweeps on the design faces of a job.
 
     JOB is a job file in TOML (docs/file-formats.md lists its keys).
     """
+    from msgspec.structs import replace
+
     from conflank_cli.artifacts import write_artifact
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
@@ -24,6 +33,8 @@ def detect(source: str, output: str, talk: Talk) -> None:
     from conflank_cli.output import check_output
 
     job, folder = read_job(source)
+    if density is not None:
+        job = replace(job, detection=replace(job.detection, density=density))
     inputs = files_of(source, job, folder)
     check_output(output, inputs, binary=True)
     scene = load_scene(job, folder)

@@ -11,6 +11,7 @@ import numpy as np
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import seed_lines
 from conflank_cli.detection.ruled_fit import fit_motion
+from conflank_cli.detection.settling import Contact, settle
 from conflank_cli.detection.spreading import spread
 from conflank_cli.detection.tracing import sphere_heights, trace
 from conflank_cli.errors import NumericalError
@@ -94,21 +95,27 @@ def _families(
     places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
     seeds = seed_lines(face, tool, contacts, places, limits.allowance)
     traced = trace(face, tool, seeds, dense, screen, limits)
-    families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()))[: density.families]
+    families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()), density.families)
     samples = face.samples(face.spacing(SPREAD_SAMPLES))
+
+    def motions(rank: int) -> tuple[Contact, list[Motion]]:
+        """The lines of a family, settled, and the motions through them."""
+        sequence = traced.sequences[families[rank]]
+        contact = settle(face, tool, sequence.p, sequence.d, limits)
+        motion = fit_motion(contact, tool.length, limits)
+        wider = spread(face, tool, motion, len(contact.p), samples, limits) if rank < SPREAD else None
+        return contact, [motion] if wider is None else [motion, wider]
+
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        wider = list(pool.map(lambda k: spread(face, tool, traced.sequences[k], samples, limits), families[:SPREAD]))
-    found = []
-    for rank, family in enumerate(families):
-        sequence = traced.sequences[family]
+        fitted = list(pool.map(motions, range(len(families))))
+    found: list[tuple[Motion, dict[str, float]]] = []
+    for family, (contact, through) in zip(families, fitted, strict=True):
         facts = {
-            "lines": float(len(sequence.p)),
+            "lines": float(len(contact.p)),
             "area_mm2": float(traced.cell_areas[traced.cells[family]].sum()),
         }
-        on_face = sequence.error[sequence.on > 0.5]
+        on_face = contact.error[contact.on > 0.5]
         if on_face.size:
             facts["axis_error_mean_um"] = 1e3 * float(np.abs(on_face).mean())
-        found.append((fit_motion(sequence.p, sequence.d, tool.length), facts))
-        if rank < SPREAD and (motion := wider[rank]) is not None:
-            found.append((motion, facts))
+        found.extend((motion, facts) for motion in through)
     return found

@@ -18,6 +18,8 @@ IntArray = npt.NDArray[np.int64]
 
 # A line counts where it touches along this share of the flute at least: less is a cut with a point.
 ENGAGED = 1.0 / 3.0
+# Spheres along the flute: more than a sequence is traced with, for a share of them is what is asked about.
+SPHERES = 24
 # Contact heights that are tried first, as shares of the flute. The outer ones touch near the edge of a face.
 CONTACTS = (0.04, 0.36, 0.64, 0.96)
 # Nothing more is tried at a point where the error is below this, mm: no tolerance is so narrow.
@@ -114,7 +116,7 @@ class _Search:
 
     @classmethod
     def of(cls, face: WorkFace, tool: Tool, samples: FaceSamples, allowance: float, engaged: float) -> _Search:
-        heights = sphere_heights(tool)
+        heights = sphere_heights(tool, SPHERES)
         count = len(samples.uv)
         return cls(
             face,

@@ -17,8 +17,8 @@ from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 
-# Spheres along the flute: their spacing, 1-1.5 mm, is small against the lengths over which a blade bends.
-SPHERES = 24
+# Spheres along the flute: their spacing, 1.5-2 mm, is small against the lengths over which a blade bends.
+SPHERES = 16
 # Step along the sweep, mm, and the most steps to either side: 240 mm each way is longer than any blade here.
 STEP = 1.5
 STEPS = 160
@@ -26,6 +26,8 @@ STEPS = 160
 CELLS = 72
 # Seeds traced together: bounds the memory of the tables below.
 BATCH = 512
+# Stock left counts in full up to about so many tolerances; beyond, another sweep has to take it.
+FADED = 1.5
 # Lines are still to be moved by the optimisation: so much violation is let pass, mm.
 SLACK = 0.03
 
@@ -56,10 +58,10 @@ class Traced:
     cell_areas: Array
 
 
-def sphere_heights(tool: Tool) -> Array:
-    """Heights of the sphere centres that a line is judged at, shape (SPHERES,), mm."""
+def sphere_heights(tool: Tool, count: int = SPHERES) -> Array:
+    """Heights of the sphere centres that a line is judged at, shape (count,), mm."""
     low, high = tool.centre_range
-    return np.linspace(low, high, SPHERES)
+    return np.linspace(low, high, count)
 
 
 def trace(
@@ -97,7 +99,7 @@ def trace(
         extent = np.zeros((count, 2), dtype=np.int64)
         trace_all(
             *spans, face.sense, face.raster, seeds.p[part], seeds.d[part], heights, radii, start,
-            seeds.uv[part, 0].copy(), seeds.uv[part, 1].copy(), STEP, over, under, p, d, error, u, v, on, extent,
+            seeds.uv[part, 0].copy(), seeds.uv[part, 1].copy(), STEP, over, under, FADED, p, d, error, u, v, on, extent,
         )  # fmt: skip
         _keep_free(screen, tool, p, d, extent)
         marks = np.zeros((count, CELLS, CELLS), dtype=np.bool_)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.envelopes import cylinder
-from conflank_cli.detection.reachability import reachability
-from conflank_cli.detection.tracing import SPHERES
+from conflank_cli.detection.reachability import SPHERES, reachability
 from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.workface import WorkFace, on_face

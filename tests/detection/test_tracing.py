@@ -6,13 +6,16 @@ from math import cos, sin
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import SeedLines, seed_lines
+from conflank_cli.detection.settling import settle
 from conflank_cli.detection.tracing import SPHERES, STEP, Sequence, Traced, sphere_heights, trace
 from conflank_cli.geometry.footpoint import CLAMPED, FAILED
-from conflank_cli.geometry.kernels.axis import axis_errors, refine_line, sweep_direction
+from conflank_cli.geometry.kernels.axis import SETTLED, axis_errors, refine_line, sweep_direction
 from conflank_cli.geometry.kernels.cells import mark_cells
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.surface import BSplineSurface
@@ -156,13 +159,18 @@ def test_sweep_direction_is_the_least_eigenvector() -> None:
             expected = (lift @ vectors[:, 0]).reshape(2, 3)
             expected *= np.sign(np.sum(expected * out))
             np.testing.assert_allclose(out, expected, atol=1e-7)
+            # By brute force: of many velocities none does better.
+            tried = rng.normal(size=(2000, 4))
+            quotient = np.sum(tried @ matrix * tried, axis=1) / np.sum(tried @ mass * tried, axis=1)
+            assert quotient.min() >= value - 1e-12
+            assert quotient.min() <= value + 0.2
 
 
 def test_tracing_covers_a_face_that_the_tool_cuts_exactly(exact: tuple[Tool, float, WorkFace]) -> None:
     """From one seed in the middle round the whole face: 30 mm of travel in steps, hardly a cell missed.
 
     On the cylinder the axis only has to move parallel to itself, which is exact. On the cone it has to turn, a mode
-    that costs next to nothing at first order: what is left is for the optimisation, but within 20 µm.
+    that costs next to nothing at first order: what is left is for the optimisation, but within 20 µm once settled.
     """
     tool, taper, _ = exact
     flute = tool.length * cos(tool.half_angle)
@@ -173,10 +181,11 @@ def test_tracing_covers_a_face_that_the_tool_cuts_exactly(exact: tuple[Tool, flo
     screen = Screen.of(scene_of(design(surface, 1), tools=(tool,)))
     traced = trace(face, tool, seeds, face.samples(0.3), screen, Limits(0.01, 0.01))
     (sequence,) = traced.sequences
-    assert np.abs(sequence.error[sequence.on > 0.5]).max() < (0.020 if taper else 1e-5)
+    contact = settle(face, tool, sequence.p, sequence.d, Limits(0.01, 0.01))
+    assert np.abs(contact.error[contact.on > 0.5]).max() < (0.020 if taper else SETTLED)
     assert traced.cell_areas.sum() == pytest.approx(face.samples(0.3).areas.sum(), rel=1e-9)
     covered = traced.cell_areas[traced.cells[0]].sum() / traced.cell_areas.sum()
-    assert covered > (0.9 if taper else 0.985)
+    assert covered > (0.88 if taper else 0.985)
     middle = sequence.p + 0.5 * tool.length * sequence.d
     way = np.linalg.norm(np.diff(middle, axis=0), axis=1)
     # Steps are STEP in the mean over the flute; on a cone the middle of the flute moves at about that.
@@ -218,9 +227,10 @@ def test_cells_between_lines_are_marked_by_interpolated_error() -> None:
     marks = np.zeros((1, 8, 8), dtype=np.bool_)
     spans = np.array([[0, 2]])
     mark_cells(np.array([0.0, 1.0]), np.array([0.0, 1.0]), error, u, v, on, spans, 0.01, 0.02, marks)
-    # Probes at x = 1/8, 3/8, 5/8, 7/8 have errors -0.0125, 0.0025, 0.0175, 0.0325 and sit at u = 0.2, 0.4, 0.6, 0.8.
+    # Probes at x = 1/8, 3/8, 5/8, 7/8 have errors -0.0125, 0.0025, 0.0175, 0.0325 and sit at u = 0.2, 0.4, 0.6, 0.8,
+    # at three places across, v = 0.3, 0.5, 0.7.
     expected = np.zeros((8, 8), dtype=np.bool_)
-    expected[np.ix_([3, 4], [2, 5])] = True
+    expected[np.ix_([3, 4], [2, 4, 5])] = True
     np.testing.assert_array_equal(marks[0], expected)
     on[0, 1, 1] = -1.0
     again = np.zeros_like(marks)
@@ -241,7 +251,32 @@ def test_one_sequence_stands_for_a_family() -> None:
     cells[4, 9] = True  # small
     up, down = (0.0, 0.1, 1.0), (0.0, 0.1, -1.0)
     traced = Traced(tuple(sequence(d) for d in (up, up, down, up, up)), cells, np.full(10, 2.0))
-    assert represent(traced, 0.75, 3.0) == [1, 2, 3]
-    assert represent(traced, 0.9, 3.0) == [1, 2, 3, 0]
-    assert represent(traced, 0.75, 0.0) == [1, 2, 3, 4]
-    assert represent(Traced((), np.zeros((0, 10), dtype=np.bool_), np.full(10, 2.0)), 0.75, 3.0) == []
+    assert represent(traced, 0.75, 3.0, 9) == [1, 2, 3]
+    assert represent(traced, 0.9, 3.0, 9) == [1, 2, 3, 0]
+    assert represent(traced, 0.75, 0.0, 9) == [1, 2, 3, 4]
+    assert represent(Traced((), np.zeros((0, 10), dtype=np.bool_), np.full(10, 2.0)), 0.75, 3.0, 9) == []
+    assert represent(traced, 0.75, 0.0, 2) == [1, 2]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.5, 0.75, 0.9]))
+def test_no_family_is_lost(seed: int, alike: float) -> None:
+    """Every sequence that is large enough is alike to one that stands for it, in area and in direction."""
+    rng = np.random.default_rng(seed)
+    count, size = int(rng.integers(1, 60)), 24
+    start, length = rng.integers(0, size, count), rng.integers(1, size, count)
+    place = np.arange(size)
+    cells = (place >= start[:, None]) & (place < (start + length)[:, None])
+    areas = rng.uniform(0.5, 2.0, size)
+    axes = rng.choice([-1.0, 1.0], (count, 1)) * [0.0, 0.0, 1.0] + rng.normal(0.0, 0.3, (count, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    sequences = tuple(Sequence(np.zeros((4, 3)), np.tile(d, (4, 1)), np.zeros((4, 1)), np.ones((4, 1))) for d in axes)
+    chosen = represent(Traced(sequences, cells, areas), alike, 2.0, count)
+    assert len(set(chosen)) == len(chosen)
+
+    def same(a: int, b: int) -> bool:
+        overlap = areas[cells[a] & cells[b]].sum() / areas[cells[a] | cells[b]].sum()
+        return bool(overlap > alike - 1e-6 and axes[a] @ axes[b] > np.cos(np.radians(25.0)) - 1e-9)
+
+    for k in range(count):
+        if areas[cells[k]].sum() >= 2.0:
+            assert k in chosen or any(same(k, c) for c in chosen)

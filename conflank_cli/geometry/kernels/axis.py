@@ -13,6 +13,8 @@ from conflank_cli.geometry.kernels.footpoint import CLAMPED, FAILED, project
 
 # Weight of samples whose foot is off the face: enough to keep the line steady there, too little to pull it.
 OFF_FACE_WEIGHT = 0.01
+# A line is settled when a step would change its axis error by less than this, root mean square, mm.
+SETTLED = 2e-4
 # Cost of turning while a line is followed: it decides where contact does not, and must not where contact does.
 STIFFNESS = 1e-3
 
@@ -112,7 +114,8 @@ def refine_line(
     """Least squares in the five freedoms of a line, in place: p, d and the arrays of `axis_errors`.
 
     Gauss-Newton on the weighted axis error with a small Levenberg term, which leaves the soft freedoms (sliding along
-    the contact and along the sweep) where they were. `scale` shrinks from first to last over the iterations.
+    the contact and along the sweep) where they were. `scale` shrinks from first to last over the iterations; at the
+    last it ends early where a step would change the axis error by less than `SETTLED`.
     Returns False where the line lost the face.
     """
     count = heights.shape[0]
@@ -128,7 +131,7 @@ def refine_line(
         # Two unit vectors across the axis; rotations are measured as displacement at the ends of the flute.
         e1, e2 = across(d)
         fraction = iteration / max(iterations - 1, 1)
-        scale = scale_first * (scale_last / scale_first) ** fraction
+        scale = scale_last if fraction >= 1.0 else scale_first * (scale_last / scale_first) ** fraction
         matrix[:] = 0.0
         right[:] = 0.0
         total = 0.0
@@ -154,6 +157,8 @@ def refine_line(
         for a in range(5):
             matrix[a, a] += damping * total + 1e-9
         step = np.linalg.solve(matrix, right)
+        if scale <= scale_last and np.dot(step, right) < SETTLED * SETTLED * total:
+            return True
         longest = np.sqrt(np.sum(step**2))
         if longest > 1.0:
             step *= 1.0 / longest
@@ -190,14 +195,18 @@ def refine_sequence(
     scale,
     iterations,
     damping,
+    error,
+    normal,
+    on,
+    weight,
 ):
-    """`refine_line` for lines p, d (K, 3) in order, in place; the feet of sphere `start` start from u0, v0 (K,)."""
+    """`refine_line` for lines p, d (K, 3) in order, in place; the feet of sphere `start` start from u0, v0 (K,).
+
+    error, on, weight (K, J) and normal (K, J, 3) are filled as `axis_errors` and `sample_weight` have them.
+    """
     count = heights.shape[0]
     u = np.empty(count)
     v = np.empty(count)
-    error = np.empty(count)
-    on = np.empty(count)
-    normal = np.empty((count, 3))
     for k in range(p.shape[0]):
         u[start] = u0[k]
         v[start] = v0[k]
@@ -215,14 +224,16 @@ def refine_sequence(
             start,
             u,
             v,
-            error,
-            normal,
-            on,
+            error[k],
+            normal[k],
+            on[k],
             scale,
             scale,
             iterations,
             damping,
         )
+        for j in range(count):
+            weight[k, j] = sample_weight(error[k, j], on[k, j], scale)
 
 
 @njit(cache=True)
@@ -309,6 +320,7 @@ def trace_line(
     step,
     over,
     under,
+    faded,
     sequence_p,
     sequence_d,
     sequence_error,
@@ -332,12 +344,13 @@ def trace_line(
     on = np.empty(count)
     velocity = np.empty((2, 3))
     last = np.empty((2, 3))
+    bend = np.empty((2, 3))
     p = p0.copy()
     d = d0.copy()
     start = start0
     u[start] = u0
     v[start] = v0
-    scale = 1.5 * under
+    scale = faded * under
     length = heights[count - 1] - heights[0]
     found = refine_line(
         breaks_u,
@@ -403,10 +416,12 @@ def trace_line(
             start_low = p + heights[0] * d
             start_high = p + heights[count - 1] * d
             for m in range(3):
-                velocity[0, m] *= sign
-                velocity[1, m] *= sign
-                start_low[m] += step * velocity[0, m]
-                start_high[m] += step * velocity[1, m]
+                for end in range(2):
+                    velocity[end, m] *= sign
+                    # Half of how the velocity has changed since the last step: second order, as the path bends.
+                    bend[end, m] = 0.5 * (velocity[end, m] - last[end, m]) if k > 1 else 0.0
+                start_low[m] += step * (velocity[0, m] + bend[0, m])
+                start_high[m] += step * (velocity[1, m] + bend[1, m])
             last[:] = velocity
             d[:] = start_high - start_low
             d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
@@ -435,9 +450,9 @@ def trace_line(
                 error,
                 normal,
                 on,
-                3.0 * under,
+                2.0 * scale,
                 scale,
-                4,
+                3,
                 1e-3,
             )
             if not ok:
@@ -488,6 +503,7 @@ def trace_all(
     step,
     over,
     under,
+    faded,
     sequence_p,
     sequence_d,
     sequence_error,
@@ -515,6 +531,7 @@ def trace_all(
             step,
             over,
             under,
+            faded,
             sequence_p[k],
             sequence_d[k],
             sequence_error[k],

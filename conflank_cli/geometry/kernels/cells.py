@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from numba import njit, prange
 
-# Points put into every mesh of the (line, sphere) grid, along the sweep and along the axis: a mesh is 1.5 mm long.
-ALONG, ACROSS = 4, 2
+# Points put into every mesh of the (line, sphere) grid, along the sweep and along the axis: a mesh is 1.5 by 2 mm.
+ALONG, ACROSS = 4, 3
 
 
 @njit(cache=True, parallel=True)
