@@ -48,7 +48,7 @@ DENSITIES = {
 # Sequences that cover less than this share of the face are not worth a sweep.
 SMALLEST = 0.004
 # Points that candidates are screened with are this far apart, mm; what is optimised later is screened more finely.
-SCREEN_SPACING = 1.2
+SCREEN_SPACING = 2.0
 # Samples that give the raster cells their areas, about.
 AREA_SAMPLES = 40000
 # So many of the largest families also come slid to where the flute covers most; the others show what else there is.

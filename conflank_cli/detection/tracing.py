@@ -17,8 +17,8 @@ from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 
-# Spheres along the flute: their spacing, 1.5-2 mm, is small against the lengths over which a blade bends.
-SPHERES = 16
+# Spheres along the flute: their spacing, 1.2-1.6 mm, is small against the lengths over which a blade bends.
+SPHERES = 20
 # Step along the sweep, mm, and the most steps to either side: 240 mm each way is longer than any blade here.
 STEP = 1.5
 STEPS = 160
