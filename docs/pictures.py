@@ -7,7 +7,7 @@ posted program's text (`docs.cut_map`), never that of the plan.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import cos, sin, tan
 from pathlib import Path
@@ -27,8 +27,20 @@ from scipy.ndimage import distance_transform_edt
 
 from conflank_cli.artifacts.npz import read_artifact
 from conflank_cli.cad.reader import read_part
+from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.motion import Motion
+from conflank_cli.optimization import prepare
+from conflank_cli.optimization.envelope_polish import for_area
 from conflank_cli.optimization.gauss_newton import error_field
+from conflank_cli.optimization.task import (
+    FADE_STEPS,
+    PAPER_STEPS,
+    POLISH_SCALES,
+    SETTLE_PROXIMITY,
+    SETTLE_STEPS,
+    Task,
+)
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
@@ -311,6 +323,80 @@ def axis_error_picture(sample: Sample) -> Figure:
     return figure
 
 
+def measures_picture(sample: Sample, candidates: Sequence[Sweep]) -> Figure:
+    """Both measures of one sweep on the face, as the paper's functional leaves it, and its convergence in both."""
+    sweep = max(candidates, key=lambda each: each.facts["area_mm2"])
+    tool = next(tool for tool in sample.scene.tools if tool.name == sweep.tool)
+    task = prepare(sample.scene, [(sweep.face, sweep.tool)])[sweep.face, sweep.tool]
+    allowance = task.limits.allowance
+    steps = _convergence(task, sweep.motion)
+    paper, final = steps[PAPER_STEPS + FADE_STEPS][1], steps[-1][1]
+    # The picture is about the border: points of the face as dense as its pixels.
+    samples = task.face.samples(task.face.spacing(90_000))
+    gap = motion_gap(paper, tool, samples.points, allowance)[0]
+    field = error_field(task.face, tool, paper, allowance, (500, 160))[0]
+    limit = 1e3 * sample.over
+    colours = GAP_COLOURS.with_extremes(over=NOT_REACHED, under="#67001f")
+    figure = Figure(figsize=(12.0, 4.6), dpi=DPI, facecolor="white")
+    shown = (
+        (
+            field.u[field.on > 0.5],
+            field.v[field.on > 0.5],
+            field.error[field.on > 0.5],
+            "axis error ε at its footpoints",
+        ),
+        (*samples.uv.T, gap, "swept gap g at the points of the face"),
+    )
+    for k, (u, v, value, title) in enumerate(shown):
+        axes = figure.add_axes((0.05 + 0.3 * k, 0.13, 0.27, 0.76))
+        points = axes.scatter(
+            u, v, c=1e3 * value, s=4.0, marker="s", cmap=colours, norm=Normalize(-limit, limit), linewidths=0.0
+        )
+        axes.set(xlim=(samples.uv[:, 0].min(), samples.uv[:, 0].max()), xlabel="u", title=title)
+        axes.set_ylim(samples.uv[:, 1].min(), samples.uv[:, 1].max())
+        axes.set_facecolor("#ffffff")
+    figure.colorbar(points, cax=figure.add_axes((0.635, 0.13, 0.012, 0.76)), extend="both").set_label("µm")
+    axes = figure.add_axes((0.755, 0.13, 0.235, 0.76))
+    served = np.abs(motion_gap(final, tool, samples.points, allowance)[0]) <= sample.under
+    axis_means, gap_means = [], []
+    for _, motion in steps:
+        field = error_field(task.face, tool, motion, allowance, (200, 60))[0]
+        near = (field.on > 0.5) & (np.abs(field.error) <= 5.0 * sample.under)
+        axis_means.append(1e3 * float(np.abs(field.error[near]).mean()))
+        gap = motion_gap(motion, tool, samples.points[served][::7], allowance, 1.0)[0]
+        gap_means.append(1e3 * float(np.abs(gap).mean()))
+    axes.plot(gap_means, color="#1f4e9c", label="|g| over what is covered in the end")
+    axes.plot(axis_means, color="#e69f00", label="|ε| where below 50 µm")
+    for name in dict.fromkeys(name for name, _ in steps[1:]):
+        first = next(k for k, (each, _) in enumerate(steps) if each == name)
+        axes.axvline(first - 0.5, color="#999999", linewidth=0.8)
+        axes.text(first - 0.3, 0.98, name, transform=axes.get_xaxis_transform(), fontsize=8, rotation=90, va="top")
+    axes.set(xlabel="Gauss-Newton step", title="mean, µm")
+    axes.set_ylim(0.0, 1.35 * max(*gap_means, *axis_means))
+    axes.legend(fontsize=8, loc="lower left")
+    return figure
+
+
+def _convergence(task: Task, candidate: Motion) -> list[tuple[str, Motion]]:
+    """The motion of a candidate after each step of its optimisation, without growth, with the name of the phase."""
+    schedule = task.schedule()
+    steps = [("", candidate)]
+    for k in range(1, len(schedule) + 1):
+        name = "paper's weights" if k <= PAPER_STEPS else "μ₂, μ₅ fade"
+        steps.append((name, task.minimised(candidate, schedule[:k], task.weights).motion))
+    fine = task.refitted(steps[-1][1])
+    weights = replace(task.weights, mu3=task.weights.mu3 * SETTLE_PROXIMITY)
+    for k in range(1, SETTLE_STEPS + 1):
+        steps.append(("finer knots", task.minimised(fine, schedule[-1:] * k, weights).motion))
+    settled = steps[-1][1]
+    points = task.points.near(settled, task.tool, task.limits, POLISH_SCALES[0])
+    for k in range(1, len(POLISH_SCALES) + 1):
+        polished = for_area(task.tool, settled, points, task.limits, task.polish_weights, POLISH_SCALES[:k])
+        if polished is not None:
+            steps.append(("polish on g", polished))
+    return steps
+
+
 # --- the cone's spheres ---------------------------------------------------------------------------------------------
 
 
@@ -401,6 +487,8 @@ def main(out: Path, folder: Path) -> None:
     save(gap_picture(sample), folder / "blisk_gap.png")
     save(patches_picture(sample), folder / "blisk_patches.png")
     save(axis_error_picture(sample), folder / "axis_error.png")
+    candidates = read_artifact(out / "candidates.npz", "candidates")[1]
+    save(measures_picture(sample, candidates), folder / "measures.png")
     save(spheres_picture(), folder / "spheres.png")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any, TypeVar
@@ -48,22 +48,8 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
     ------
     NumericalError: not one sweep came through.
     """
-    job = scene.job
-    keys = job.optimization
-    weights = Weights(keys.mu1, keys.mu2, keys.mu3, keys.mu4, keys.mu5)
-    limits = Limits.of(job.tolerance)
-    tools = {tool.name: tool for tool in scene.tools}
-    screen = Screen.of(scene, SCREEN_SPACING)
-    tasks: dict[tuple[int, str], Task] = {}
-    for key in sorted({(sweep.face, sweep.tool) for sweep in sweeps}):
-        tool = tools[key[1]]
-        face = WorkFace.under(scene.faces[key[0]], tool)
-        samples = face.samples(face.spacing(POINTS))
-        points = Points.of(face, max(min(face.spacing(POLISH_POINTS), POLISH_SPACING), face.spacing(MOST_POINTS)))
-        tasks[key] = Task(
-            face, tool, samples, points, screen, limits, weights, keys.samples, keys.polish, keys.norm, keys.grow
-        )
-
+    limits = Limits.of(scene.job.tolerance)
+    tasks = prepare(scene, {(sweep.face, sweep.tool) for sweep in sweeps})
     task_of = [tasks[sweep.face, sweep.tool] for sweep in sweeps]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
 
@@ -102,6 +88,36 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         Sweep(sweeps[k].face, sweeps[k].tool, solutions[k].motion, {**sweeps[k].facts, **_facts(solutions[k], limits)})
         for k in sound
     ], summary
+
+
+def prepare(scene: Scene, keys: Iterable[tuple[int, str]]) -> dict[tuple[int, str], Task]:
+    """What sweeps are optimised with, by face (index into those of the scene) and tool."""
+    job = scene.job
+    wishes = job.optimization
+    weights = Weights(wishes.mu1, wishes.mu2, wishes.mu3, wishes.mu4, wishes.mu5)
+    limits = Limits.of(job.tolerance)
+    tools = {tool.name: tool for tool in scene.tools}
+    screen = Screen.of(scene, SCREEN_SPACING)
+    tasks: dict[tuple[int, str], Task] = {}
+    for index, name in sorted(keys):
+        tool = tools[name]
+        face = WorkFace.under(scene.faces[index], tool)
+        samples = face.samples(face.spacing(POINTS))
+        points = Points.of(face, max(min(face.spacing(POLISH_POINTS), POLISH_SPACING), face.spacing(MOST_POINTS)))
+        tasks[index, name] = Task(
+            face,
+            tool,
+            samples,
+            points,
+            screen,
+            limits,
+            weights,
+            wishes.samples,
+            wishes.polish,
+            wishes.norm,
+            wishes.grow,
+        )
+    return tasks
 
 
 def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> list[int]:

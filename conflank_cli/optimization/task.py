@@ -77,7 +77,7 @@ class Task:
 
     def first(self, motion: Motion) -> Solution:
         """The paper's problem from a detected motion."""
-        return self._minimise(motion, self._schedule(), self.weights)
+        return self.minimised(motion, self.schedule(), self.weights)
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
         """Finer knots, then moves that cover more, as long as they do, then the polish on the swept gap.
@@ -85,18 +85,19 @@ class Task:
         candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
         envelope that the paper's functional slides off along the axis; the one that covers more is gone on with.
         """
-        best = self._settled(self._refitted(solution.motion))
+        best = self._settled(self.refitted(solution.motion))
         if best.failed:
             return solution
         if self.polish:
-            best = self._better(best, self._polished(self._refitted(candidate), DIRECT_SCALES))
+            best = self._better(best, self._polished(self.refitted(candidate), DIRECT_SCALES))
         if self.grow:
             best = self._grown(best)
         if self.polish:
             best = self._flattened(self._better(best, self._polished(best.motion, POLISH_SCALES)))
         return replace(best, start=solution.start)
 
-    def _refitted(self, motion: Motion) -> Motion:
+    def refitted(self, motion: Motion) -> Motion:
+        """The motion with as many control points as it settles with."""
         count = int(np.clip(round(travel(motion) / FINE_SPACING) + 3, max(len(motion.p), FINE_FEWEST), FINE_MOST))
         return motion.respaced(count)
 
@@ -122,7 +123,7 @@ class Task:
 
     def _polished(self, motion: Motion, scales: tuple[float, ...]) -> Motion | None:
         points = self.points.near(motion, self.tool, self.limits, scales[0])
-        return for_area(self.tool, motion, points, self.limits, self._polish_weights, scales)
+        return for_area(self.tool, motion, points, self.limits, self.polish_weights, scales)
 
     def _better(self, solution: Solution, motion: Motion | None) -> Solution:
         """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""
@@ -149,7 +150,7 @@ class Task:
         norms = tuple(
             p for p, steps in NORM_STEPS.items() if self.norm == "max" or p <= self.norm for _ in range(steps)
         )
-        flat = for_norm(self.tool, motion, points, self.limits, self._polish_weights, norms)
+        flat = for_norm(self.tool, motion, points, self.limits, self.polish_weights, norms)
         if self.norm == "max":
             served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
             flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
@@ -157,7 +158,8 @@ class Task:
         return self._with(solution, flat) if keeps and self._steady(flat) else solution
 
     @property
-    def _polish_weights(self) -> Weights:
+    def polish_weights(self) -> Weights:
+        """Weights of the polish on the swept gap."""
         return replace(self.weights, mu3=self.weights.mu3 * POLISH_PROXIMITY)
 
     def _steady(self, motion: Motion) -> bool:
@@ -195,9 +197,9 @@ class Task:
 
     def _settled(self, motion: Motion) -> Solution:
         weights = replace(self.weights, mu3=self.weights.mu3 * SETTLE_PROXIMITY)
-        return self._minimise(motion, (self._schedule()[-1],) * SETTLE_STEPS, weights)
+        return self.minimised(motion, (self.schedule()[-1],) * SETTLE_STEPS, weights)
 
-    def _schedule(self) -> tuple[Step, ...]:
+    def schedule(self) -> tuple[Step, ...]:
         """Steps of Gauss-Newton.
 
         The paper's functional with its weights comes first. Fairness and orthogonality pull an exact motion off its
@@ -211,7 +213,8 @@ class Task:
             steps.append(Step(max(10.0**-k, LEAST_FADE), min(10.0 ** (k / 2), STIFFEST), scale * under, self.polish))
         return tuple(steps)
 
-    def _minimise(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:
+    def minimised(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:
+        """The motion after steps of Gauss-Newton on the axis error."""
         return minimise(self.face, self.tool, motion, self.limits, weights, self._grid(motion), steps)
 
     def _grid(self, motion: Motion) -> tuple[int, int]:
