@@ -123,6 +123,24 @@ def test_density_on_the_command_line_goes_before_the_job(
     assert "'quick', 'normal', 'exhaustive'" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("tolerance", "norm", "overcut", "stock"),
+    [("overcut = 0\nundercut = 0.04", "2", 0.0, 40.0), ("overcut = 0.02\nundercut = 0.02", '"max"', 20.0, 20.0)],
+)
+def test_a_forbidden_side_and_the_largest_norm_reach_the_posted_program(
+    tolerance: str, norm: str, overcut: float, stock: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The saddle is bent too much for this cutter to cover it whole within a micrometre: both have something to do."""
+    write_job(tmp_path, JOB + f"[tolerance]\n{tolerance}\n[optimization]\nnorm = {norm}\n")
+    monkeypatch.chdir(tmp_path)
+    result = invoke("run", "job.toml", "--out", "out")
+    assert result.exit_code == 0, result.output
+    verification = json.loads((tmp_path / "out" / "BLADE1.H.verification.json").read_bytes())
+    assert verification["coverage"] >= 0.99
+    assert verification["overcut_max_um"] <= overcut
+    assert verification["sweeps"][0]["gap_max_um"] <= stock
+
+
 def test_run_as_json_keeps_stdout_for_data(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(finished)
     result = invoke("run", "job.toml", "--out", str(tmp_path / "deep" / "out"), "--json", "--quiet")

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import FURTHEST, INSET, NODES, STEP, best_slide, greville, lengthened, slid
+from conflank_cli.geometry.growth import (
+    FURTHEST,
+    INSET,
+    NODES,
+    STEP,
+    best_slide,
+    greville,
+    lengthened,
+    slid,
+    steadiness,
+)
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
@@ -142,3 +152,28 @@ def test_lengthening_goes_on_along_the_circle(case: tuple[Tool, float, WorkFace]
         assert angle[-1] == pytest.approx(0.3, abs=2e-3)
         assert angle[0] == pytest.approx(-0.3 - grown, abs=0.02)
     assert len(longer.p) > len(motion.p)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_motion_that_rolls_round_is_steady(case: str) -> None:
+    """Round a cylinder the axis moves square to itself; round a cone too, each of its points on a circle."""
+    tool, taper = CASES[case]
+    face = work(round_face(RADIUS, taper), 1, 8.0)
+    motion = circular(tool, taper, 2.0)
+    assert steadiness(face, motion) == pytest.approx(1.0, abs=1e-3)
+    # Run the other way it is as steady.
+    assert steadiness(face, Motion(motion.knots, motion.p[::-1], motion.q[::-1])) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_steadiness_is_the_cosine_of_the_slide_and_negative_where_the_axis_swings_back() -> None:
+    tool, taper = CASES["cylinder"]
+    face = work(round_face(RADIUS, taper), 1, 8.0)
+    motion = circular(tool, taper, 2.0)
+    # A helix: per radian the axis moves RADIUS + r across and 12 mm along itself.
+    climb = np.array([0.0, 0.0, 12.0 * 1.24]) * greville(motion)[:, None]
+    expected = np.cos(np.arctan2(12.0, RADIUS + tool.r_min))
+    helix = Motion(motion.knots, motion.p + climb, motion.q + climb)
+    assert steadiness(face, helix) == pytest.approx(expected, abs=1e-3)
+    there = np.linspace(0.0, 1.0, 400)
+    p, q = motion.ends(there + 0.25 * np.sin(2.0 * np.pi * there))
+    assert steadiness(face, fitted(there, np.hstack([p, q]), 24)) < -0.9
