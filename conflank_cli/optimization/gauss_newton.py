@@ -55,14 +55,15 @@ class Solution:
 
 
 STATUS = {
-    "converged": "the control points moved less than the tolerance",
-    "iterations": "still moving at the last iteration; more control points or a nearer start would help",
+    "converged": "the last step changed the functional by less than the square of 0.01 µm",
+    "iterations": "the last step still changed the functional; a nearer start or more control points would help",
     "lost": "the motion has left the face; start from a sequence that touches it",
     "singular": "the normal equations are not positive definite; raise mu3 or use fewer control points",
 }
 
-# A step that moves a control point by more is shortened to it, mm; one that moves none by more is a standstill, mm.
-LONGEST_STEP, STILL = 1.0, 1e-6
+# A step that moves a control point by more is shortened to it, mm. One that promises less than STILL² from the
+# functional, a mean square, is a standstill, mm: the soft modes may go on moving for ever.
+LONGEST_STEP, STILL = 1.0, 1e-5
 # Of the weight of a sample on the face: what a sample off it keeps, to hold the motion steady there.
 OFF_FACE = 0.01
 # Overcut is weighed up from this share of the tolerance on, so that the optimum stays inside it.
@@ -164,7 +165,7 @@ def minimise(
             status = "singular"
             break
         motion = moved(motion, step, LONGEST_STEP)
-        if float(np.abs(step).max()) < STILL and used == len(schedule):
+        if float(step.ravel() @ equations.right) < STILL * STILL and used == len(schedule):
             status = "converged"
     field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field)
     gone = np.hstack([motion.p - begin.p, motion.q - begin.q])

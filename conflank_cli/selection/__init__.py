@@ -50,6 +50,8 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     job = scene.job
     tolerance = job.tolerance
     over, under = tolerance.overcut - POSTING, tolerance.undercut - POSTING
+    limits = Limits.of(tolerance)
+    aim = limits.allowance - tolerance.allowance
     tools = {tool.name: tool for tool in scene.tools}
     faces = [WorkFace.of(design, 0.0) for design in scene.faces]
     samples = [face.samples(face.spacing(POINTS)) for face in faces]
@@ -86,8 +88,10 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
             certificates: dict[int, Certificate] = {}
 
             def certificate(item: _Judged, face: WorkFace = face) -> Certificate:
-                limits = Limits(over, under, tolerance.allowance)
-                return certify(item.sweep.motion, tools[item.sweep.tool], face, limits)
+                # A certificate is about the face that is aimed at, which lies off the design face by `aim`.
+                room = replace(limits, over=over + aim, under=under - aim)
+                found = certify(item.sweep.motion, tools[item.sweep.tool], face, room)
+                return replace(found, overcut=found.overcut - aim, gap=found.gap + abs(aim))
 
             chosen = _cover(own, sample.areas, job.selection.coverage)
             # A spot of overcut can hide between the points of the choice, but not from the certificate.
@@ -157,7 +161,7 @@ def _described(item: _Judged, areas: Array, certificate: Certificate) -> Sweep:
         "gap_min_um": 1e3 * float(inside.min()),
         "gap_mean_abs_um": 1e3 * float(np.abs(inside) @ weight / weight.sum()),
         "gap_max_um": 1e3 * float(inside.max()),
-        "certified_overcut_um": 1e3 * certificate.overcut,
+        "certified_overcut_um": 1e3 * max(certificate.overcut, 0.0),
         "certified_gap_um": 1e3 * certificate.gap,
         "certified_area_mm2": certificate.area,
     }
