@@ -30,16 +30,14 @@ from scipy.spatial.transform import Rotation
 from benchmarks.detection import NO_MACHINE, NOTHING, Flank, Verdict, load, whole
 from benchmarks.envelopes import EnvelopeCase, cylinder, random_envelopes
 from benchmarks.ruled_gallery import (
-    COUNT,
-    COUNT_FREE,
     FREE,
     GALLERY,
-    STEADY,
     OneSweep,
     RuledFlank,
     Sampled,
     best_cone,
     one_sweep,
+    steady_sweep,
     trade,
 )
 from benchmarks.ruling_following import Band, band_errors, ruling_following
@@ -55,18 +53,14 @@ from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
 from conflank_cli.optimization import (
-    MOST_POINTS,
     POINTS,
-    POLISH_POINTS,
-    POLISH_SPACING,
     SCREEN_SPACING,
     optimize,
+    prepare,
 )
-from conflank_cli.optimization.envelope_polish import Points
 from conflank_cli.optimization.gauss_newton import Step, minimise
 from conflank_cli.optimization.normal_equations import NormalEquations, basis_at
 from conflank_cli.optimization.task import Task
-from conflank_cli.optimization.terms import Weights
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
 from conflank_cli.selection import select
@@ -99,14 +93,8 @@ def scene(
 
 def task_of(job: Scene, face: int = 0) -> Task:
     """What the sweeps of the first tool on a face are optimised with."""
-    keys, tool = job.job.optimization, job.tools[0]
-    work = WorkFace.under(job.faces[face], tool)
-    weights = Weights(keys.mu1, keys.mu2, keys.mu3, keys.mu4, keys.mu5)
-    limits = Limits.of(job.job.tolerance)
-    samples = work.samples(work.spacing(POINTS))
-    screen = Screen.of(job, SCREEN_SPACING)
-    points = Points.of(work, max(min(work.spacing(POLISH_POINTS), POLISH_SPACING), work.spacing(MOST_POINTS)))
-    return Task(work, tool, samples, points, screen, limits, weights, keys.samples, keys.polish, keys.norm, keys.grow)
+    key = face, job.tools[0].name
+    return prepare(job, [key])[key]
 
 
 def table(title: str, *headings: str) -> Table:
@@ -571,9 +559,9 @@ def flank_figures(flank: RuledFlank) -> dict[str, list[OneSweep]]:
     All but the first are on the better side.
     """
     sampled = Sampled.of(flank)
-    sides = [one_sweep(flank, side, sampled, STEADY, COUNT) for side in (1, -1)]
+    sides = [steady_sweep(flank, side, sampled) for side in (1, -1)]
     better = min(sides, key=lambda sweep: sweep.worst)
-    free = one_sweep(flank, 1 if better is sides[0] else -1, sampled, FREE, COUNT_FREE)
+    free = one_sweep(flank, 1 if better is sides[0] else -1, sampled, FREE)
     tapered = best_cone(flank, better, sampled)
     return {
         "sides": sides,

@@ -46,10 +46,10 @@ RULINGS, HEIGHTS = 200, 25
 # The tip starts so far below the hub, mm, and the motion goes on for so many mm beyond the first and last ruling.
 BELOW, BEYOND = 2.5, 0.7
 # Control points at first, and in the end; sizes that the cylinder takes on its way to its own.
-COUNT_FIRST, COUNT, GROWTHS = 20, 30, 8
-# Weight of fairness: with the first figure sweeps stay steady on these faces, with the second (and more control points)
-# they may swing back for a while where that serves the face.
-STEADY, FREE, COUNT_FREE = 300.0, 1.0, 40
+COUNT_FIRST, COUNT, GROWTHS = 20, 40, 8
+# Weights of fairness that are tried for a steady sweep, and one with which it may swing back for a while where that
+# serves the face. Steady is what nowhere turns by more than a right angle from one time to the next.
+FAIRNESS, FREE, STEADY = (30.0, 300.0), 1.0, 0.0
 # Times and heights on the flute, as shares, at which steadiness is looked at.
 TIMES, SHARES = 300, (0.1, 0.4, 0.7)
 # Norms, each for STEPS_EACH steps: while the cylinder grows, and when it has.
@@ -60,6 +60,8 @@ EVERYTHING = Limits(5.0, 5.0)
 PROGRAMS, PROGRAMS_TRADE, LOOKS, JOIN = 12, 5, 3, 300
 # Differences that do not matter, mm.
 FLAT = 5e-4
+# The least worst is looked for anew so often.
+ANEW = 4
 # Contacts within about this much time of a control point tell where the face is from there.
 ABOUT = 0.05
 # Half angles that are tried, as long as they are better.
@@ -209,12 +211,19 @@ def along_rulings(flank: RuledFlank, side: int, offset: float) -> Motion:
     return lengthened(lengthened(motion, BEYOND, True), BEYOND, False).respaced(COUNT_FIRST)
 
 
-def one_sweep(flank: RuledFlank, side: int, sampled: Sampled, fairness: float, count: int) -> OneSweep:
+def steady_sweep(flank: RuledFlank, side: int, sampled: Sampled) -> OneSweep:
+    """The best steady sweep over the whole face; where none is steady, the one that turns least."""
+    tried = [one_sweep(flank, side, sampled, fairness) for fairness in FAIRNESS]
+    steady = [sweep for sweep in tried if sweep.turn > STEADY]
+    return min(steady, key=lambda sweep: sweep.worst) if steady else max(tried, key=lambda sweep: sweep.turn)
+
+
+def one_sweep(flank: RuledFlank, side: int, sampled: Sampled, fairness: float) -> OneSweep:
     """One sweep over the whole face with the cylinder, overcut and stock left made equally small.
 
     The cylinder grows from a thin one, which follows the rulings nearly exactly, to its size: a thick one started on
     the rulings would be far from the face where normals turn much, and Gauss-Newton would leave it on the wrong side.
-    fairness: weight of it; count: control points in the end.
+    fairness: weight of it.
     """
     radii = flank.radius * np.arange(1, GROWTHS + 1) / GROWTHS
     motion = along_rulings(flank, side, radii[0])
@@ -223,8 +232,15 @@ def one_sweep(flank: RuledFlank, side: int, sampled: Sampled, fairness: float, c
         if radius > radii[0]:
             motion = set_off(motion, tool, sampled.coarse.x, radii[0])
         motion = _lessened(motion, tool, sampled.coarse, WHILE_GROWING, fairness)
-    motion = _lessened(motion.respaced(count), flank.tool, sampled.coarse, FINALLY, fairness)
-    return balanced(motion, flank.tool, sampled)
+    motion = _lessened(motion.respaced(COUNT), flank.tool, sampled.coarse, FINALLY, fairness)
+    best = balanced(motion, flank.tool, sampled)
+    # A box that has become narrow at one corner of the face may be wide again, begun anew.
+    for _ in range(ANEW):
+        again = balanced(best.motion, flank.tool, sampled)
+        if again.worst > best.worst - FLAT:
+            break
+        best = again
+    return best
 
 
 def balanced(motion: Motion, tool: Tool, sampled: Sampled, programs: int = PROGRAMS) -> OneSweep:
@@ -274,7 +290,7 @@ def best_cone(flank: RuledFlank, start: OneSweep, sampled: Sampled) -> OneSweep:
         away = _away(best.motion, best.tool, sampled.coarse.x)
         p = best.motion.p + (tool.r_min - best.tool.r_min) * away
         q = best.motion.q + (tool.r_max - best.tool.r_max) * away
-        motion = _lessened(Motion(best.motion.knots, p, q), tool, sampled.coarse, FINALLY, STEADY)
+        motion = _lessened(Motion(best.motion.knots, p, q), tool, sampled.coarse, FINALLY, FAIRNESS[-1])
         found = balanced(motion, tool, sampled)
         if found.worst >= best.worst:
             break

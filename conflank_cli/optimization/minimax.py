@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, hstack, vstack
 
-from conflank_cli.geometry.gap import gap_field
+from conflank_cli.geometry.gap import GapField, gap_field
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.normal_equations import Basis, basis_at
 from conflank_cli.optimization.terms import AxisPath
@@ -22,6 +22,7 @@ from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 # Half the width of the box at first, as a share of the worst gap; it never grows beyond the second figure, mm, and
 # below the third nothing moves.
@@ -35,6 +36,8 @@ WORTH = 1e-5
 RIGID, RIGID_COST = 5e-4, 0.1
 # Poses at which rigidity is asked for, for every control point.
 POSES = 3
+# Of its velocity, the axis keeps this share at least in the direction in which it moved across itself at the start.
+STEADY = 0.35
 # Points whose gap is this many half widths of the box short of the worst do not become it in one step: an axis end
 # moves by no more than sqrt(3) of them, and seldom the worst way.
 NEAR = 1.5
@@ -75,14 +78,17 @@ class Aim:
 def least_worst(motion: Motion, tool: Tool, aim: Aim, programs: int = PROGRAMS) -> tuple[Motion, float]:
     """Move a motion to where the worst gap is least; returns it and that gap (`Aim.worst`), mm.
 
-    Finds the optimum near the start, and never returns what is worse than the start. `programs`: at most so many
-    linear programs (HiGHS).
+    Finds the optimum near the start, and never returns what is worse than the start. A motion that is steady stays so:
+    its axis goes on the way across itself that it went at the start. `programs`: at most so many linear programs
+    (HiGHS).
     """
+    even = basis_at(motion.knots, np.linspace(0.0, 1.0, POSES * len(motion.p)))
+    across = _across(motion, tool, even)
     field = gap_field(motion, tool, aim.points, aim.allowance, reach=REACH)
     best = aim.worst(field.gap)
     half = min(BOX * best, WIDEST)
     for _ in range(programs):
-        step, promised = _program(motion, tool, aim, field.gap, field.rows, field.time, half)
+        step, promised = _program(motion, tool, aim, field, even, across, half)
         if step is None:
             half *= NARROWER
         elif best - promised < WORTH:
@@ -103,24 +109,36 @@ def least_worst(motion: Motion, tool: Tool, aim: Aim, programs: int = PROGRAMS) 
     return motion, best
 
 
+def _across(motion: Motion, tool: Tool, even: Basis) -> Array:
+    """Unit vectors (m, 3) along which the middle of the axis moves across it."""
+    path = AxisPath.of(motion, tool, even)
+    across = path.velocity - np.einsum("mk,mk->m", path.velocity, path.d)[:, None] * path.d
+    return np.asarray(across / np.linalg.norm(across, axis=1)[:, None])
+
+
 def _program(
-    motion: Motion, tool: Tool, aim: Aim, gap: Array, rows: Array, time: Array, half: float
+    motion: Motion, tool: Tool, aim: Aim, field: GapField, even: Basis, across: Array, half: float
 ) -> tuple[Array | None, float]:
     """The step (n, 6) within the box that the linear model likes best, and the worst gap it promises; None for none.
 
     Unknowns: the step, the worst gap, and by how much rigidity is missed (or, with a hard limit, overcut exceeds it).
     """
+    gap, rows, time = field.gap, field.rows, field.time
     size = 6 * len(motion.p)
     stock = gap[aim.served].max(initial=0.0)
     overcut = aim.overcut if aim.overcut is not None else max(float(stock), float(-gap.min(initial=0.0)))
     reach = NEAR * half
     above = aim.served & (gap > (stock if aim.overcut is not None else overcut) - reach)
     below = gap < -(overcut - reach)
-    up = _spread(basis_at(motion.knots, time[above]), rows[above], size)
-    down = _spread(basis_at(motion.knots, time[below]), -rows[below], size)
-    even = basis_at(motion.knots, np.linspace(0.0, 1.0, POSES * len(motion.p)))
+    here, there = basis_at(motion.knots, time[above]), basis_at(motion.knots, time[below])
+    up = _spread(here.first, here.value, rows[above], size)
+    down = _spread(there.first, there.value, -rows[below], size)
     path = AxisPath.of(motion, tool, even)
-    rigid = _spread(even, np.hstack([-path.d, path.d]), size)
+    rigid = _spread(even.first, even.value, np.hstack([-path.d, path.d]), size)
+    # <v, across> >= STEADY |v| for the velocity v of the middle; where that is not so already it may not get worse.
+    excess = np.einsum("mk,mk->m", path.velocity, across) - STEADY * path.speed
+    ahead = 0.5 * (across - STEADY * path.velocity / path.speed[:, None])
+    steady = _spread(even.first, even.slope, -np.hstack([ahead, ahead]), size)
     hard = aim.overcut is not None
     matrix = vstack(
         [
@@ -128,10 +146,17 @@ def _program(
             hstack([down, _column(below.sum(), 0.0 if hard else -1.0), _column(below.sum(), -1.0 if hard else 0.0)]),
             hstack([rigid, _column(len(path.d), 0.0), _column(len(path.d), -1.0)]),
             hstack([-rigid, _column(len(path.d), 0.0), _column(len(path.d), -1.0)]),
+            hstack([steady, _column(len(path.d), 0.0), _column(len(path.d), 0.0)]),
         ]
     ).tocsr()
     limit = np.concatenate(
-        [-gap[above], gap[below] + (overcut if hard else 0.0), RIGID - path.excess, RIGID + path.excess]
+        [
+            -gap[above],
+            gap[below] + (overcut if hard else 0.0),
+            RIGID - path.excess,
+            RIGID + path.excess,
+            np.maximum(excess, 0.0),
+        ]
     )
     cost = np.zeros(size + 2)
     cost[-2:] = 1.0, HARD if hard else RIGID_COST
@@ -142,10 +167,10 @@ def _program(
     return result.x[:size].reshape(-1, 6), float(result.x[-2] + (HARD * result.x[-1] if hard else 0.0))
 
 
-def _spread(basis: Basis, rows: Array, size: int) -> csr_matrix:
-    """Rows (m, 6) by p(t) and q(t) as rows by the control points, (m, size)."""
-    values = (basis.value[:, :, None] * rows[:, None, :]).ravel()
-    columns = (6 * basis.first[:, None] + np.arange(24)).ravel()
+def _spread(first: IntArray, basis: Array, rows: Array, size: int) -> csr_matrix:
+    """Rows (m, 6) by p(t) and q(t), or their slopes, as rows by the control points, (m, size)."""
+    values = (basis[:, :, None] * rows[:, None, :]).ravel()
+    columns = (6 * first[:, None] + np.arange(24)).ravel()
     return csr_matrix((values, (np.repeat(np.arange(len(rows)), 24), columns)), shape=(len(rows), size))
 
 

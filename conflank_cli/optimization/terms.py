@@ -64,13 +64,14 @@ class AxisPath:
     basis: the basis at these times.
     bend: second derivatives of p and q by time, (m, 6).
     d: unit axis, (m, 3); excess: |pq| - L, (m,), mm.
-    speed: of the middle of the axis, (m,), mm; cosine: between that velocity and the axis, (m,).
+    velocity: of the middle of the axis by time, (m, 3), mm; speed: its length, (m,); cosine: between it and the axis.
     """
 
     basis: Basis
     bend: Array
     d: Array
     excess: Array
+    velocity: Array
     speed: Array
     cosine: Array
 
@@ -84,7 +85,7 @@ class AxisPath:
         d = axis / span[:, None]
         velocity = 0.5 * (slope[:, :3] + slope[:, 3:])
         speed = np.linalg.norm(velocity, axis=1)
-        return cls(basis, bend, d, span - tool.length, speed, np.einsum("mk,mk->m", velocity, d) / speed)
+        return cls(basis, bend, d, span - tool.length, velocity, speed, np.einsum("mk,mk->m", velocity, d) / speed)
 
     @property
     def travel(self) -> float:
