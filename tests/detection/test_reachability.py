@@ -139,6 +139,43 @@ def test_the_error_is_the_least_maximum_of_a_cubic(contact: float) -> None:
     np.testing.assert_allclose(found.error[near], c * cubic, rtol=0.03)
 
 
+@pytest.mark.parametrize("run", [8, 16])
+def test_in_a_corner_a_line_turns_just_so_far_that_its_run_stays_on_the_face(run: int) -> None:
+    """A round face trimmed to a corner of 90° whose chords along the rulings grow from nothing.
+
+    Where the chord is shorter than the run the line has to turn by τ from the ruling. Its feet then lie on a line with
+    the tangent R / (R + r) tan τ in the developed face, and the distance bends by sin² τ / (R + r) along it.
+    """
+    size, r = 20.0, CYLINDER.r_min
+    corner = np.array([0.0, 1.5 * size])
+    loop = (corner + size * np.array([[0.0, 0.0], [1.0, -1.0], [1.0, 1.0]])) / np.array([RADIUS, 1.0])
+    face = WorkFace.of(DesignFace(0, "", round_face(RADIUS, height=3.0 * size, turn=1.4), (loop,), 1), size)
+    samples = face.samples(1.5)
+    found = reachability(face, CYLINDER, samples, engaged=run / SPHERES)
+
+    spacing = CYLINDER.length / (SPHERES - 1)
+    turn = np.radians(np.arange(-89.0, 89.0, 0.1))
+    along = np.stack([RADIUS / (RADIUS + r) * np.sin(turn), np.cos(turn)], axis=1)
+    point = samples.uv * np.array([RADIUS, 1.0]) - corner
+
+    def on(foot: Array) -> Array:
+        return np.asarray((np.abs(foot[..., 1]) <= foot[..., 0]) & (foot[..., 0] <= size))
+
+    ends = [point[:, None] + k * spacing * along for k in range(1 - run, run)]
+    possible = np.any([on(ends[k]) & on(ends[k + run - 1]) for k in range(run)], axis=0)
+    least = np.where(possible, np.sin(turn) ** 2, np.inf).min(axis=1)
+    # An even run of spheres has none at its middle: the nearest ones are half a spacing off.
+    half, nearest = 0.5 * (run - 1) * spacing, 0.5 * spacing
+    expected = least * (half**2 - nearest**2) / (4.0 * (RADIUS + r))
+    turned = expected > 1e-3
+    assert turned.sum() > 5
+    ratio = found.error[turned] / expected[turned]
+    assert ratio.min() > 0.95
+    assert np.median(ratio) < 1.05
+    # A line that is held back by the trim stops where it meets it, which need not be the best place.
+    assert ratio.max() < 2.2
+
+
 def test_the_trim_counts_exactly() -> None:
     """A round trim, whose cells in the raster are a tenth of a millimetre: the feet of every line are on the face."""
     angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)

@@ -132,10 +132,10 @@ def refine_through(
 
     Three freedoms: the shift along n, which the error bounds, and the two of the direction. First least squares over
     the errors of the best window and whatever overcuts outside it, then their least maximum, each by linearisation.
-    While no window lies on the face, what lies on its continuation counts like the face. Given up where `best` mm will
-    not be beaten, or where the plain steps end at one of the directions `known` (K, 3). d (3,) is changed. Fills line
-    (6,): p and d of the best. Returns (error, footpoints used); error inf where no window lies on the face, or nothing
-    came of it.
+    While no window lies on the face, what lies on its continuation counts like the face; the second part starts from a
+    line on the face if there has been one, and stays on it. Given up where `best` mm will not be beaten, or where the
+    plain steps end at one of the directions `known` (K, 3). d (3,) is changed. Fills line (6,): p and d of the best.
+    Returns (error, footpoints used); error inf where no window lies on the face, or nothing came of it.
     """
     count = heights.shape[0]
     u = np.empty(count)
@@ -149,7 +149,7 @@ def refine_through(
     d_now = d.copy()
     span = heights[count - 1] - heights[0]
     e1, e2 = across(d)
-    shift = shift_now = 0.0
+    shift = shift_now = found_shift = 0.0
     found = worst_now = promised = np.inf
     first_now = -1
     strict_now = False
@@ -171,6 +171,7 @@ def refine_through(
         if strict:
             if worst < found:
                 found = worst
+                found_shift = shift
                 line[:3] = p
                 line[3:] = d
         else:
@@ -210,6 +211,14 @@ def refine_through(
                     same = same or d @ known[k] > SAME
                 if same:
                     break
+                if not strict_now and found < np.inf:
+                    # The plain steps have left the face: back to the best line on it. A fine step from there that
+                    # leaves it again is refused, and the radius of trust shrinks.
+                    shift_now = found_shift
+                    d_now[:] = line[3:]
+                    d[:] = d_now
+                    change[:] = 0.0
+                    continue
             if worst_now < EXACT:
                 break
             border = ON_FACE if strict_now else ON_SURFACE
