@@ -758,7 +758,7 @@ PARTS_OF_TABLE = ("ruling", "envelopes", "blades", "gallery", "time")
 @click.option("--face", metavar="NAME", default="", help="Of the real blades those whose name contains NAME.")
 @click.option("--motions", default=25, show_default=True, help="Random motions of each tool.")
 @click.option("--runs", default=3, show_default=True, help="The least time of so many runs counts.")
-@click.option("--json", "as_json", metavar="FILE", help="Write the figures to FILE too.")
+@click.option("--json", "as_json", metavar="FILE", help="Keep the figures in FILE, beside those of other parts.")
 def main(only: str | None, face: str, motions: int, runs: int, as_json: str | None) -> None:
     """Print what optimisation must reach; exit code 1 where a figure is missed."""
     console = Console()
@@ -786,8 +786,12 @@ def main(only: str | None, face: str, motions: int, runs: int, as_json: str | No
         )
     console.print(printed)
     if as_json is not None:
-        figures["verdicts"] = {verdict.what: [verdict.found, verdict.reached] for verdict in verdicts}
-        Path(as_json).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        file = Path(as_json)
+        kept = json.loads(file.read_bytes()) if file.exists() else {}
+        figures["verdicts"] = kept.get("verdicts", {}) | {
+            verdict.what: [verdict.found, verdict.reached] for verdict in verdicts
+        }
+        file.write_text(json.dumps(kept | figures, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if all(verdict.reached for verdict in verdicts) else 1)
 
 

@@ -128,6 +128,40 @@ def knots_table() -> str:
     return markdown(["<tool", *(f"{spacing:g} mm" for spacing in spacings)], rows)
 
 
+def gallery_table() -> str:
+    """One sweep over each ruled flank: what it overcuts and leaves."""
+    rows = []
+    for name, figures in result("optimization.json")["gallery"].items():
+        over, stock = figures["cylinder"][0]
+        cone_over, cone_stock = figures["cone"][0]
+        forbidden = figures["cylinder"][-1]
+        rows.append(
+            [
+                name,
+                f"{figures['published_um']:g}",
+                f"{over:.0f} / {stock:.0f}",
+                f"{forbidden[0]:.0f} / {forbidden[1]:.0f}",
+                f"{cone_over:.0f} / {cone_stock:.0f}, {figures['half_angle_deg']:g}°",
+            ]
+        )
+    headings = ["<flank", "published overcut µm", "overcut / stock µm", "with no overcut", "with the best cone"]
+    return markdown(headings, rows)
+
+
+def largest_table() -> str:
+    """The largest single sweep of real blades, stage by stage."""
+
+    def cell(figures: dict[str, float] | None) -> str:
+        return "–" if figures is None else f"{100.0 * figures['share']:.1f} ({figures['mean_um']:.2f})"
+
+    stages = ("before", "polished", "grown", "grown, accurate")
+    rows = [
+        [row["face"], row["tool"], *(cell(row[stage]) for stage in stages)]
+        for row in result("optimization.json")["blades"]["rows"]
+    ]
+    return markdown(["<face", "<tool", "before", "polished", "grown", "largest with at most 2 µm"], rows)
+
+
 def _tour(block: str) -> Callable[[], str]:
     def text() -> str:
         said = result("tour.json")[block]
@@ -190,6 +224,8 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "sample": sample_table,
     "bench": bench_table,
     "knots": knots_table,
+    "gallery": gallery_table,
+    "largest": largest_table,
     "constants": constants_table,
     "job": _job,
     **{

@@ -302,14 +302,14 @@ def trade(start: OneSweep, sampled: Sampled, shares: Sequence[float]) -> list[On
     """Sweeps with ever less overcut, each with the least stock left that allows, from a balanced one on.
 
     shares: of the balanced overcut, limits in turn. Each begins with the one before, set off the face by what its
-    overcut has to lose.
+    overcut has to lose. One that a stricter limit turns out to serve better gives way to the sweep of that limit.
     """
     sweeps = [start]
     for share in shares:
         last, limit = sweeps[-1], share * start.overcut
         motion = set_off(last.motion, last.tool, sampled.coarse.x, max(last.overcut - limit, 0.0))
         sweeps.append(limited(motion, last.tool, sampled, limit, PROGRAMS_TRADE))
-    return sweeps
+    return [min(sweeps[k:], key=lambda sweep: sweep.stock) for k in range(len(sweeps))]
 
 
 def set_off(motion: Motion, tool: Tool, points: Array, distance: float) -> Motion:
