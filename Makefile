@@ -27,7 +27,8 @@ test-all: setup
 bench: setup
 	$(BIN)/python -m benchmarks.run
 	$(BIN)/python -m benchmarks.detection
-	$(BIN)/python -m benchmarks.optimization
+	$(BIN)/python -m benchmarks.optimization --json benchmarks/results/optimization.json
+	$(BIN)/python -m benchmarks.certificate
 	$(BIN)/python -m benchmarks.dnc
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
