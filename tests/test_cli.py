@@ -203,10 +203,18 @@ def test_inspect_prints_parts_and_artifacts(finished: Path, monkeypatch: pytest.
     x, y = np.meshgrid(np.linspace(-15.0, 15.0, 601), np.linspace(-10.0, 10.0, 401))
     area = np.trapezoid(np.trapezoid(np.sqrt(1.0 + slope**2 * (x**2 + y**2)), dx=0.05), dx=0.05)
     assert faces[0]["area"] == pytest.approx(area, abs=1e-3)
-    for kind in ("candidates", "motions", "plan"):
+    shown = {
+        "candidates": ("area_mm2",),
+        "motions": ("axis_error_max_um", "terms of the functional", "orthogonality", "x the last step"),
+        "plan": ("covered_area_mm2", "certified_overcut_um"),
+    }
+    for kind, words in shown.items():
         path = f"out/{kind}.npz"
         result = invoke("inspect", path)
         assert result.exit_code == 0 and result.stdout.startswith(kind), result.stderr
+        for word in words:
+            assert word in result.stdout
+            assert not any(word in invoke("inspect", f"out/{other}.npz").stdout for other in shown if other != kind)
         piped = invoke("inspect", "--json", data=Path(path).read_bytes())
         assert json.loads(piped.stdout)["schema"] == f"conflank/{kind}"
 

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from conflank_cli.cad.inspection import FaceReport
 
 
+# What a stage measures begins so; the facts of the stages before it are in the JSON document.
+_MEASURED = {
+    "candidates": ("lines", "area_", "axis_error_"),
+    "motions": ("axis_error_", "iterations"),
+    "plan": ("length_", "covered_", "gap_", "certified_"),
+}
+
+
 def list_artifact(source: str, as_json: bool) -> str:
     """An artifact as tables of its faces, tools and sweeps, or its JSON document."""
     where, data = read_source(source)
@@ -27,7 +35,8 @@ def list_artifact(source: str, as_json: bool) -> str:
         for face, shape in ((face, face.surface.poles.shape) for face in scene.faces)
     ]
     tools = [(tool.name, tool.number, tool.r_min, tool.r_max, tool.length) for tool in scene.tools]
-    names = [name for name in dict.fromkeys(name for sweep in sweeps for name in sweep.facts) if not _is_term(name)]
+    every = dict.fromkeys(name for sweep in sweeps for name in sweep.facts)
+    names = [name for name in every if name.startswith(_MEASURED[kind])]
     cuts = [
         (k, scene.faces[sweep.face].number, sweep.tool, len(sweep.motion.p), *map(sweep.facts.get, names))
         for k, sweep in enumerate(sweeps, start=1)
@@ -37,7 +46,7 @@ def list_artifact(source: str, as_json: bool) -> str:
         text_table(["face", "<name", "degree u", "degree v", "net"], faces),
         text_table(["<tool", "number", "r_min mm", "r_max mm", "length mm"], tools),
         text_table(["sweep", "face", "<tool", "controls", *names], cuts),
-        _terms(sweeps),
+        _terms(sweeps) if kind == "motions" else "",
         "".join(f"{name}: {cell_text(value)}\n" for name, value in summary.items() if not isinstance(value, dict)),
         "".join(f"{count} x {result}\n" for result, count in summary.get("results", {}).items()),
     ]
@@ -58,9 +67,7 @@ def _terms(sweeps: Sequence[Sweep]) -> str:
         for k, sweep in enumerate(sweeps, start=1)
     ]
     names = (name.removeprefix("term_").removesuffix("_start") for name in starts)
-    return text_table(
-        ["sweep", *names], rows, "terms of the functional as mean squares, before and after the last stage"
-    )
+    return text_table(["sweep", *names], rows, "terms of the functional as mean squares, before and after")
 
 
 def list_part(source: str, as_json: bool) -> str:
