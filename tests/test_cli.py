@@ -204,7 +204,7 @@ def test_inspect_prints_parts_and_artifacts(finished: Path, monkeypatch: pytest.
     area = np.trapezoid(np.trapezoid(np.sqrt(1.0 + slope**2 * (x**2 + y**2)), dx=0.05), dx=0.05)
     assert faces[0]["area"] == pytest.approx(area, abs=1e-3)
     shown = {
-        "candidates": ("area_mm2",),
+        "candidates": (" area_mm2",),
         "motions": ("axis_error_max_um", "terms of the functional", "orthogonality", "x the last step"),
         "plan": ("covered_area_mm2", "certified_overcut_um"),
     }
