@@ -422,7 +422,7 @@ TOOLS = ("T1", "T2", "T3")
 ASKED = {("rotor37 0", "T1"): 0.42, ("rotor37 0", "T3"): 0.47, ("compressor_wheel 2", "T3"): 0.65}
 SWEEP_MEAN_UM = 2.0
 # The largest sweeps by a first look are judged closely.
-CLOSELY = 16
+CLOSELY = 40
 STAGES = {"before": (False, False), "polished": (True, False), "grown": (True, True)}
 
 
