@@ -28,7 +28,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Rigidity counts so much more than in the paper's functional: nothing else holds |pq| = L to well below a micrometre.
 STIFF = 1.0e4
-# Of the paper's weight of fairness: what is kept so that control points that no point of the face holds stay quiet.
+# Of the paper's weights of fairness and orthogonality: so much is kept that control points that no point of the face
+# holds stay quiet.
 FAIR = 1.0e-4
 # Poses at which rigidity is asked for, for every control point.
 POSES = 6

@@ -44,16 +44,6 @@ class Terms:
     rigidity: float
     orthogonality: float
 
-    def total(self, weights: Weights) -> float:
-        """F_motion (Eq. 13)."""
-        return (
-            weights.mu1 * self.distance
-            + weights.mu2 * self.fairness
-            + weights.mu3 * self.proximity
-            + weights.mu4 * self.rigidity
-            + weights.mu5 * self.orthogonality
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class AxisPath:

@@ -43,20 +43,19 @@ def check(
     rng = np.random.default_rng(seed)
     cells = gap_cells(motion, tool, face, limits)
     k, uv = inside_cells(cells, count, rng)
-    wide = uv[on_face(face.face, uv)]
+    on = on_face(face.face, uv)
     gap = dense_gap(motion, tool, face, uv) - limits.allowance
     assert (gap >= cells.lower[k] - EXACT).all()
     assert (gap <= cells.upper[k] + EXACT).all()
     within = cells.state[k] == WITHIN
     assert (gap[within] >= -limits.over).all() and (gap[within] <= limits.under).all()
     # The cells are the face: no point of it is in none.
-    for point in wide[:200]:
+    for point in uv[on][:200]:
         box = cells.box
         assert np.any(
             (box[:, 0] <= point[0]) & (point[0] <= box[:, 1]) & (box[:, 2] <= point[1]) & (point[1] <= box[:, 3])
         )
     found = certify(motion, tool, face, limits)
-    on = on_face(face.face, uv)
     assert found.overcut >= -gap[on].min() - EXACT
     assert found.gap >= np.abs(gap[within]).max(initial=0.0) - EXACT
     assert found.overcut_sampled <= found.overcut <= max(found.overcut_sampled + CLOSE, 1.02 * found.overcut_sampled)

@@ -150,7 +150,7 @@ def test_the_trade_between_overcut_and_stock_is_a_line_over_an_arc() -> None:
 
 
 def test_stock_that_is_not_served_does_not_count() -> None:
-    """With only the middle third of the arc served the motion goes down to it, where overcut is free."""
+    """With only the low edges of the arc served the motion goes down to them, where overcut is free."""
     points = arc_points()
     served = np.abs(points[:, 0]) > 0.9 * HALF_WIDTH
     motion, _ = least_worst(level(0.0), CYLINDER, Aim(points, served, overcut=2.0 * SAG))

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from conflank_cli.geometry.kernels.footpoint import find_span, local_frame
+from conflank_cli.geometry.kernels.polygon import is_inside
 from conflank_cli.geometry.kernels.swept_gap import cutter_distance
 
 # What became of a cell.
@@ -342,23 +343,6 @@ def _upper(nodes, ha, hb, du, dv, bend_uu, bend_uv, bend_vv, cutter):
 
 
 @njit(inline="always")
-def _inside(u, v, vertices, starts):
-    """Even-odd rule for one point, as in `polygon.inside_even_odd`."""
-    odd = False
-    for loop in range(starts.shape[0] - 1):
-        j = starts[loop + 1] - 1
-        for i in range(starts[loop], starts[loop + 1]):
-            yi = vertices[i, 1]
-            yj = vertices[j, 1]
-            if (yi > v) != (yj > v):
-                crossing = vertices[i, 0] + (v - yi) / (yj - yi) * (vertices[j, 0] - vertices[i, 0])
-                if u < crossing:
-                    odd = not odd
-            j = i
-    return odd
-
-
-@njit(inline="always")
 def _crossed(u0, u1, v0, v1, vertices, starts):
     """Whether an edge of the loops passes through the inside of a box, a millionth of its size within."""
     eps = 1e-6 * (u1 - u0)
@@ -396,7 +380,7 @@ def bounded_cells(
     """Bounds on the swept gap over a trimmed face, cell by cell.
 
     breaks_u, breaks_v, coefficients: the surface (`Spans`). roots (N, 2) int: span of each root cell, places (N, 4):
-    its local a0, a1, b0, b1. vertices (M, 2), starts (K + 1,): the loops, as in `polygon.inside_even_odd`.
+    its local a0, a1, b0, b1. vertices (M, 2), starts (K + 1,): the loops, as in `polygon.is_inside`.
     polynomials, breaks: the motion as in `swept_gap.pose`; poses (samples + 1, 12): at equal times; bends (samples,):
     between two of them the second derivative of a distance by t is at least minus that. motion_bounds (3,): largest
     speeds by t of the contact, of heights on the axis, and turn of the axis. cutter (6,) as in `swept_gap`. limits
@@ -437,7 +421,7 @@ def bounded_cells(
         b = 0.5 * (places[n, 2] + places[n, 3])
         u = breaks_u[i] + a * (breaks_u[i + 1] - breaks_u[i])
         v = breaks_v[j] + b * (breaks_v[j + 1] - breaks_v[j])
-        if _inside(u, v, vertices, starts):
+        if is_inside(u, v, vertices, starts):
             _fill_node(
                 coefficients[i, j], a, b, 0.0, step, poses, polynomials, breaks, bends.max(), cutter, look, at, middle
             )
@@ -475,7 +459,7 @@ def bounded_cells(
             if trim != 1:
                 crossed = _crossed(u0, u1, v0, v1, vertices, starts)
                 if not crossed:
-                    if not _inside(0.5 * (u0 + u1), 0.5 * (v0 + v1), vertices, starts):
+                    if not is_inside(0.5 * (u0 + u1), 0.5 * (v0 + v1), vertices, starts):
                         continue
                     trim = 1
                 else:
@@ -676,7 +660,7 @@ def bounded_cells(
                 g = nodes[m, GAP] - allowance
                 corner = max(corner, abs(g))
                 if -g > deepest and (
-                    trim == 1 or _inside(u0 if m < 2 else u1, v0 if m % 2 == 0 else v1, vertices, starts)
+                    trim == 1 or is_inside(u0 if m < 2 else u1, v0 if m % 2 == 0 else v1, vertices, starts)
                 ):
                     deepest = -g
             size = max(du, dv)
@@ -743,7 +727,7 @@ def bounded_cells(
                 for m in range(16):
                     u = u0 + (m // 4 + 0.5) / 4 * (u1 - u0)
                     v = v0 + (m % 4 + 0.5) / 4 * (v1 - v0)
-                    if _inside(u, v, vertices, starts):
+                    if is_inside(u, v, vertices, starts):
                         inside += 1
                 area *= inside / 16
             if rows + 1 > table.shape[0]:
