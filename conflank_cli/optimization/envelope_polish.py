@@ -116,7 +116,7 @@ def for_norm(
     """
     if not len(points.x):
         return motion
-    middle, half = 0.5 * (limits.under - limits.over), 0.5 * (limits.under + limits.over)
+    middle, half = limits.middle, 0.5 * (limits.under + limits.over)
     field = gap_field(motion, tool, points.x, limits.allowance)
     served = within(field.gap, limits)
     damping, stretch, settled = weights.mu3, 1.0, 0

@@ -153,7 +153,8 @@ class Task:
         flat = for_norm(self.tool, motion, points, self.limits, self.polish_weights, norms)
         if self.norm == "max":
             served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
-            flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
+            # Like the norms from the middle of the tolerance, or the side with less room would be left.
+            flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance + self.limits.middle))[0]
         keeps = self._covered_area(flat) >= (1.0 - FLATTER) * self._covered_area(motion)
         return self._with(solution, flat) if keeps and self._steady(flat) else solution
 
