@@ -32,9 +32,10 @@ FINE, FINER = 4, 16
 # The search for a stationary time stops where what is left to gain is below this, mm.
 STATIONARY = 1.0e-9
 SEARCH_STEPS = 40
-# A node's distance is the least of all times but for this, mm; so many halvings of time are spent on it at most.
+# A node's distance is the least of all times but for this, mm. So many halvings of time are spent on it at most: a few
+# do, but a point that the cutter goes round is equally far for long and takes hundreds.
 SETTLED = 2.0e-5
-SEARCHED = 200
+SEARCHED = 2000
 # A node: gap to the true cutter, gap to the cutter without its top, time, unit normal (from the axis to the surface),
 # distance from the axis along the normal, height on the generator, height of the sphere's centre, curvature terms
 # across the generator, slopes of the normal, place and derivatives of the surface.
@@ -138,10 +139,11 @@ def _least_between(d0, s0, d1, s1, step, bend):
 
 @njit
 def _nearest_time(x, y, z, start, step, poses, polynomials, breaks, bend, cutter, look, at):
-    """Time at which the topless cutter is nearest, given its poses (K, 12) at times start, start + step, ...
+    """(time at which the topless cutter is nearest, floor), given its poses (K, 12) at times start, start + step, ...
 
-    look (K + SEARCHED or more, 6) is scratch. No time outside of the pieces that are given up is nearer by more than
-    SETTLED: a piece is searched and halved until its lower bound says so.
+    look (K + SEARCHED or more, 6) is scratch. A piece of time is searched and halved until its lower bound says that it
+    is not nearer by more than SETTLED; floor is the lowest bound of the pieces that are left after SEARCHED halvings,
+    inf if there are none.
     """
     last = poses.shape[0] - 1
     best = np.inf
@@ -236,7 +238,11 @@ def _nearest_time(x, y, z, start, step, poses, polynomials, breaks, bend, cutter
         look[pieces, 4] = s
         look[pieces, 5] = s1
         pieces += 1
-    return time
+    floor = np.inf
+    for k in range(pieces):
+        piece = look[k]
+        floor = min(floor, _least_between(piece[2], piece[4], piece[3], piece[5], piece[1] - piece[0], bend))
+    return time, floor
 
 
 @njit
@@ -247,13 +253,13 @@ def _fill_node(block, a, b, start, step, poses, polynomials, breaks, bend, cutte
         node[PLACE + 3 * m] = x[m]
         node[PLACE + 3 * m + 1] = y[m]
         node[PLACE + 3 * m + 2] = z[m]
-    time = _nearest_time(x[0], y[0], z[0], start, step, poses, polynomials, breaks, bend, cutter, look, at)
+    time, floor = _nearest_time(x[0], y[0], z[0], start, step, poses, polynomials, breaks, bend, cutter, look, at)
     _moving_pose(polynomials, breaks, time, at)
     low, _, along, across = _topless(x[0], y[0], z[0], at, cutter)
     r_min, sine, cosine, ball_height, ball_radius = cutter[0], cutter[1], cutter[2], cutter[4], cutter[5]
     beside = along * cosine + (across - r_min) * sine
     node[TIME] = time
-    node[LOW] = low - SETTLED
+    node[LOW] = min(low - SETTLED, floor)
     node[GAP] = cutter_distance(
         x[0], y[0], z[0], at[0], at[1], at[2], at[0] + at[3], at[1] + at[4], at[2] + at[5],
         r_min, sine, cosine, cutter[3], ball_height, ball_radius,
