@@ -18,6 +18,11 @@ class Limits:
     under: float
     allowance: float = 0.0
 
+    @property
+    def middle(self) -> float:
+        """Gap less allowance in the middle of the band, mm."""
+        return 0.5 * (self.under - self.over)
+
     @classmethod
     def of(cls, tolerance: Tolerance) -> Limits:
         """The limits of a job: its allowance moved to where both sides have room.

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, factorial, sin
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
 
-from conflank_cli.geometry.gap import travel
+from conflank_cli.geometry.gap import cutter_of, polynomials_of, travel
 from conflank_cli.geometry.kernels import gap_bound as kernel
-from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.geometry.workface import WorkFace, loop_vertices
 from conflank_cli.limits import Limits
-from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.motion import Motion
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -101,19 +99,11 @@ def certify(motion: Motion, tool: Tool, face: WorkFace, limits: Limits) -> Certi
 
 def gap_cells(motion: Motion, tool: Tool, face: WorkFace, limits: Limits) -> GapCells:
     """Bounds of the swept gap on pieces of a face, as close as the figures of a `Certificate` need them."""
-    breaks = np.unique(motion.knots)
-    spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
-    width = np.diff(breaks)[:, None]
-    polynomials = np.stack(
-        [spline(breaks[:-1], nu=order) * width**order / factorial(order) for order in range(DEGREE + 1)], axis=1
-    )
+    polynomials, breaks = polynomials_of(motion)
     samples = max(int(np.ceil(travel(motion) / STEP)), 16)
     poses = np.empty((samples + 1, kernel.POSE))
     kernel.moving_poses(polynomials, breaks, samples, poses)
-    alpha = tool.half_angle
-    cutter = np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
     roots, places = _roots(face)
-    loops = face.face.loops
     figures = np.zeros(3)
     spans = face.projector.spans
     table = kernel.bounded_cells(
@@ -122,13 +112,12 @@ def gap_cells(motion: Motion, tool: Tool, face: WorkFace, limits: Limits) -> Gap
         spans.coefficients,
         roots,
         places,
-        np.ascontiguousarray(np.concatenate(loops)),
-        np.cumsum([0, *(len(loop) for loop in loops)]),
+        *loop_vertices(face.face),
         polynomials,
         breaks,
         poses,
         *_motion_bounds(motion, tool, samples),
-        cutter,
+        cutter_of(tool),
         np.array([limits.over, limits.under, limits.allowance]),
         np.array([AIM, SHARE, FLOOR_OVERCUT, FLOOR_COVERED, MOST_NODES]),
         figures,

@@ -48,7 +48,7 @@ def motion_gap(
     """
     gap, time = np.empty(len(points)), np.empty(len(points))
     swept_gap(
-        *_polynomials(motion), _looks(motion, step), np.ascontiguousarray(points), allowance + reach, _cutter(tool),
+        *polynomials_of(motion), _looks(motion, step), np.ascontiguousarray(points), allowance + reach, cutter_of(tool),
         gap, time,
     )  # fmt: skip
     return gap - allowance, time
@@ -62,8 +62,8 @@ def gap_field(
     start: times (N,) near which the poses are looked for, from a field of nearly the same motion; without it, or to be
     sure of the least gap, the whole motion is looked at.
     """
-    polynomials, breaks = _polynomials(motion)
-    cutter, points = _cutter(tool), np.ascontiguousarray(points)
+    polynomials, breaks = polynomials_of(motion)
+    cutter, points = cutter_of(tool), np.ascontiguousarray(points)
     rows = np.empty((len(points), 6))
     if start is None:
         gap, time = motion_gap(motion, tool, points, allowance, reach)
@@ -75,7 +75,7 @@ def gap_field(
     return GapField(gap, time, rows)
 
 
-def _polynomials(motion: Motion) -> tuple[Array, Array]:
+def polynomials_of(motion: Motion) -> tuple[Array, Array]:
     """The motion as the kernels read it: polynomials (spans, 4, 6) in each span's local parameter, breaks."""
     breaks = np.unique(motion.knots)
     spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
@@ -84,7 +84,8 @@ def _polynomials(motion: Motion) -> tuple[Array, Array]:
     return np.stack([spline(breaks[:-1], nu=k) * width**k / factorial(k) for k in orders], axis=1), breaks
 
 
-def _cutter(tool: Tool) -> Array:
+def cutter_of(tool: Tool) -> Array:
+    """The cutter as the kernels read it, (6,): r_min, sin α, cos α, length, height and radius of the ball."""
     alpha = tool.half_angle
     return np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
 

@@ -28,7 +28,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Rigidity counts so much more than in the paper's functional: nothing else holds |pq| = L to well below a micrometre.
 STIFF = 1.0e4
-# Of the paper's weight of fairness: what is kept so that control points that no point of the face holds stay quiet.
+# Of the paper's weights of fairness and orthogonality: so much is kept that control points that no point of the face
+# holds stay quiet.
 FAIR = 1.0e-4
 # Poses at which rigidity is asked for, for every control point.
 POSES = 6
@@ -115,7 +116,7 @@ def for_norm(
     """
     if not len(points.x):
         return motion
-    middle, half = 0.5 * (limits.under - limits.over), 0.5 * (limits.under + limits.over)
+    middle, half = limits.middle, 0.5 * (limits.under + limits.over)
     field = gap_field(motion, tool, points.x, limits.allowance)
     served = within(field.gap, limits)
     damping, stretch, settled = weights.mu3, 1.0, 0

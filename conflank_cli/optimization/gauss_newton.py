@@ -14,7 +14,7 @@ from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.normal_equations import NormalEquations, basis_at, moved
-from conflank_cli.optimization.terms import AxisPath, Terms, Weights
+from conflank_cli.optimization.terms import AxisPath, Terms, Weights, way
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -141,7 +141,8 @@ def minimise(
     begin = motion
     field: AxisErrorField | None = None
     start: Terms | None = None
-    basis = basis_at(motion.knots, np.linspace(0.0, 1.0, samples[0]))
+    t = np.linspace(0.0, 1.0, samples[0])
+    basis = basis_at(motion.knots, t)
     status = "iterations"
     used = 0
     for fade, stiff, scale, barrier in schedule:
@@ -168,15 +169,14 @@ def minimise(
         if float(step.ravel() @ equations.right) < STILL * STILL and used == len(schedule):
             status = "converged"
     field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field)
-    gone = np.hstack([motion.p - begin.p, motion.q - begin.q])
-    end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), 0.5 * float(np.mean(np.sum(gone**2, axis=1))))
+    end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), way(motion, begin, t))
     return Solution(motion, field, used, status, start or end, end)
 
 
 def with_motion(
     solution: Solution, face: WorkFace, tool: Tool, motion: Motion, allowance: float, samples: tuple[int, int]
 ) -> Solution:
-    """The solution with its motion moved on by other means: axis error and terms are those of `motion`."""
+    """The solution with its motion moved on by other means: axis error and terms are its own, but for proximity."""
     field, _, _ = error_field(face, tool, motion, allowance, samples)
     path = AxisPath.of(motion, tool, basis_at(motion.knots, np.linspace(0.0, 1.0, samples[0])))
     end = path.terms(_mean_square(field), solution.end.proximity)

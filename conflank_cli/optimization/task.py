@@ -17,7 +17,7 @@ from conflank_cli.motion import Motion
 from conflank_cli.optimization.envelope_polish import Points, for_area, for_norm, within
 from conflank_cli.optimization.gauss_newton import Solution, Step, minimise, with_motion
 from conflank_cli.optimization.minimax import Aim, least_worst
-from conflank_cli.optimization.terms import Weights
+from conflank_cli.optimization.terms import Weights, way
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -94,7 +94,8 @@ class Task:
             best = self._grown(best)
         if self.polish:
             best = self._flattened(self._better(best, self._polished(best.motion, POLISH_SCALES)))
-        return replace(best, start=solution.start)
+        proximity = way(best.motion, candidate, np.linspace(0.0, 1.0, self.grid[0]))
+        return replace(best, start=solution.start, end=replace(best.end, proximity=proximity))
 
     def refitted(self, motion: Motion) -> Motion:
         """The motion with as many control points as it settles with."""
@@ -153,7 +154,8 @@ class Task:
         flat = for_norm(self.tool, motion, points, self.limits, self.polish_weights, norms)
         if self.norm == "max":
             served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
-            flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance))[0]
+            # Like the norms from the middle of the tolerance, or the side with less room would be left.
+            flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance + self.limits.middle))[0]
         keeps = self._covered_area(flat) >= (1.0 - FLATTER) * self._covered_area(motion)
         return self._with(solution, flat) if keeps and self._steady(flat) else solution
 

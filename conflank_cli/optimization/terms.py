@@ -33,7 +33,7 @@ class Terms:
     ----------
     distance: of the axis error over the samples on the face, mm2.
     fairness: of the second derivatives of p and q by travel, 1/mm2.
-    proximity: of the way of the axis ends from the start, mm2.
+    proximity: of the way of the axis ends from where they were at the start at the same time, mm2.
     rigidity: of |pq| - L, mm2.
     orthogonality: of the cosine between the velocity of the axis and the axis.
     """
@@ -44,15 +44,11 @@ class Terms:
     rigidity: float
     orthogonality: float
 
-    def total(self, weights: Weights) -> float:
-        """F_motion (Eq. 13)."""
-        return (
-            weights.mu1 * self.distance
-            + weights.mu2 * self.fairness
-            + weights.mu3 * self.proximity
-            + weights.mu4 * self.rigidity
-            + weights.mu5 * self.orthogonality
-        )
+
+def way(motion: Motion, start: Motion, t: Array) -> float:
+    """Mean square of the way of the axis ends from `start` to `motion` at times t (m,), mm2."""
+    gone = np.hstack(motion.ends(t)) - np.hstack(start.ends(t))
+    return 0.5 * float(np.mean(np.sum(gone**2, axis=1)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,20 @@ from benchmarks.certificate import dense_gap
 from benchmarks.envelopes import cylinder
 from benchmarks.shapes import smooth_surface
 from conflank_cli.geometry.certificate import Certificate, GapCells, certify, gap_cells
-from conflank_cli.geometry.kernels.gap_bound import DOUBT, OFF, WITHIN
+from conflank_cli.geometry.gap import cutter_of, polynomials_of
+from conflank_cli.geometry.kernels.gap_bound import (
+    DOUBT,
+    OFF,
+    POSE,
+    SEARCHED,
+    SETTLED,
+    WITHIN,
+    _nearest_time,
+    moving_poses,
+)
 from conflank_cli.geometry.workface import WorkFace, on_face
 from conflank_cli.limits import Limits
-from conflank_cli.motion import Motion, uniform_knots
+from conflank_cli.motion import Motion, fitted, uniform_knots
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import envelope, interpolated, known, stacked, work
 from tests.verification.scenes import plane_face
@@ -43,20 +53,19 @@ def check(
     rng = np.random.default_rng(seed)
     cells = gap_cells(motion, tool, face, limits)
     k, uv = inside_cells(cells, count, rng)
-    wide = uv[on_face(face.face, uv)]
+    on = on_face(face.face, uv)
     gap = dense_gap(motion, tool, face, uv) - limits.allowance
     assert (gap >= cells.lower[k] - EXACT).all()
     assert (gap <= cells.upper[k] + EXACT).all()
     within = cells.state[k] == WITHIN
     assert (gap[within] >= -limits.over).all() and (gap[within] <= limits.under).all()
     # The cells are the face: no point of it is in none.
-    for point in wide[:200]:
+    for point in uv[on][:200]:
         box = cells.box
         assert np.any(
             (box[:, 0] <= point[0]) & (point[0] <= box[:, 1]) & (box[:, 2] <= point[1]) & (point[1] <= box[:, 3])
         )
     found = certify(motion, tool, face, limits)
-    on = on_face(face.face, uv)
     assert found.overcut >= -gap[on].min() - EXACT
     assert found.gap >= np.abs(gap[within]).max(initial=0.0) - EXACT
     assert found.overcut_sampled <= found.overcut <= max(found.overcut_sampled + CLOSE, 1.02 * found.overcut_sampled)
@@ -170,6 +179,27 @@ def test_the_border_of_a_trimmed_face_is_not_crossed() -> None:
     motion = Motion(uniform_knots(6), p, p + np.array([0.0, 20.0, 0.0]))
     found = check(motion, Tool("C", 3.0, 3.0, 20.0), face, Limits(0.02, 0.02))
     assert found.area == pytest.approx(12.0 * 15.0, rel=0.01)
+
+
+def test_no_time_is_left_out_where_the_cutter_goes_round_a_point() -> None:
+    """All times are equally near there: each is searched, or what is left of them is bounded."""
+    tool = Tool("C", 3.0, 3.0, 20.0)
+    angle = np.linspace(0.0, 1.5, 200)
+    p = 5.0 * np.stack([np.cos(angle), np.sin(angle), np.zeros(200)], axis=1)
+    motion = fitted(np.linspace(0.0, 1.0, 200), np.hstack([p, p + np.array([0.0, 0.0, 20.0])]), 20)
+    polynomials, breaks = polynomials_of(motion)
+    samples = 16
+    poses = np.empty((samples + 1, POSE))
+    moving_poses(polynomials, breaks, samples, poses)
+    look, at = np.empty((2 * samples + SEARCHED + 2, 6)), np.empty(POSE)
+    # |v̇| on the circle; and a bound on it that so many halvings cannot get the better of.
+    for bend, searched in ((5.0 * 1.5**2, True), (1e6, False)):
+        time, floor = _nearest_time(
+            0.0, 0.0, 10.0, 0.0, 1.0 / samples, poses, polynomials, breaks, bend, cutter_of(tool), look, at
+        )
+        centre = motion.ends([time])[0][0]
+        assert np.hypot(*centre[:2]) - 3.0 == pytest.approx(2.0, abs=1e-5)
+        assert floor == np.inf if searched else floor < 2.0 - SETTLED
 
 
 def test_far_away_and_above_the_flute() -> None:

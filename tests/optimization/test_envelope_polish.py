@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from benchmarks.detection import scene as free_scene
 from benchmarks.envelopes import swept_gap as by_brute_force
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
@@ -16,11 +17,11 @@ from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.envelope_polish import Points, for_area, for_norm, within
 from conflank_cli.optimization.minimax import Aim, least_worst
-from conflank_cli.optimization.task import NORM_STEPS, Task
+from conflank_cli.optimization.task import NORM_STEPS, Norm, Task
 from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import design, envelope, envelope_scene, known
-from tests.optimization.arcs import CYLINDER, HALF_WIDTH, RADIUS, SAG, arc_points, level
+from tests.optimization.arcs import CYLINDER, HALF_WIDTH, RADIUS, SAG, arc_points, arc_surface, level
 
 LIMITS = Limits(0.010, 0.010)
 WEIGHTS = Weights(mu3=1e-4)
@@ -118,6 +119,20 @@ def test_a_task_never_loses_area_by_polishing() -> None:
     assert after.end.distance < off.end.distance + 1e-9
 
 
+@pytest.mark.parametrize("norm", [32, "max"])
+def test_the_worst_gap_is_even_about_the_middle_of_unequal_tolerances(norm: Norm) -> None:
+    """Over an arc of sag s the gap fills s / 2 to either side of it, though one side has less room than s / 2."""
+    arc = design(arc_surface(), 1)
+    face = WorkFace.of(arc, 0.7 * CYLINDER.length)
+    limits = Limits(0.4 * SAG, 0.8 * SAG)
+    screen = Screen.of(free_scene(arc, (CYLINDER,), "quick", free=True), 1.0)
+    samples, points = face.samples(1.0), Points.of(face, 1.0)
+    task = Task(face, CYLINDER, samples, points, screen, limits, Weights(), (40, 16), True, norm, False)
+    first = task.first(level(-0.2 * SAG, 12))
+    gap = task.gaps(task.refined(first, first.motion).motion)
+    assert np.abs(gap - limits.middle).max() < 0.51 * SAG
+
+
 def test_the_least_maximum_over_an_arc() -> None:
     """A level motion misses an arc of sag s by s / 2 at best, by s with no overcut, whatever it starts from."""
     points = arc_points()
@@ -150,7 +165,7 @@ def test_the_trade_between_overcut_and_stock_is_a_line_over_an_arc() -> None:
 
 
 def test_stock_that_is_not_served_does_not_count() -> None:
-    """With only the middle third of the arc served the motion goes down to it, where overcut is free."""
+    """With only the low edges of the arc served the motion goes down to them, where overcut is free."""
     points = arc_points()
     served = np.abs(points[:, 0]) > 0.9 * HALF_WIDTH
     motion, _ = least_worst(level(0.0), CYLINDER, Aim(points, served, overcut=2.0 * SAG))

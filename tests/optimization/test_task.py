@@ -48,6 +48,11 @@ def test_a_short_start_grows_over_the_whole_face(task: Task) -> None:
     after = areas[task.covered(task.gaps(grown.motion))].sum() / areas.sum()
     # 4 mm at either end in each round: 32 mm in four rounds, which is all of it.
     assert after > 0.97
+    # The terms are those of what comes out, beside where it all began.
+    assert grown.start == first.start
+    t = np.linspace(0.0, 1.0, 60)
+    gone = np.hstack(grown.motion.ends(t)) - np.hstack(first.motion.ends(t))
+    assert grown.end.proximity == pytest.approx(np.mean(np.sum(gone**2, axis=1)) / 2.0)
     again = replace(task, polish=False, grow=False).refined(first, first.motion)
     still = areas[task.covered(task.gaps(again.motion))].sum() / areas.sum()
     assert still == pytest.approx(before, abs=0.05)

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from conflank_cli.geometry.kernels.footpoint import find_span, local_frame
+from conflank_cli.geometry.kernels.polygon import is_inside
 from conflank_cli.geometry.kernels.swept_gap import cutter_distance
 
 # What became of a cell.
@@ -31,9 +32,10 @@ FINE, FINER = 4, 16
 # The search for a stationary time stops where what is left to gain is below this, mm.
 STATIONARY = 1.0e-9
 SEARCH_STEPS = 40
-# A node's distance is the least of all times but for this, mm; so many halvings of time are spent on it at most.
+# A node's distance is the least of all times but for this, mm. So many halvings of time are spent on it at most: a few
+# do, but a point that the cutter goes round is equally far for long and takes hundreds.
 SETTLED = 2.0e-5
-SEARCHED = 200
+SEARCHED = 2000
 # A node: gap to the true cutter, gap to the cutter without its top, time, unit normal (from the axis to the surface),
 # distance from the axis along the normal, height on the generator, height of the sphere's centre, curvature terms
 # across the generator, slopes of the normal, place and derivatives of the surface.
@@ -137,10 +139,11 @@ def _least_between(d0, s0, d1, s1, step, bend):
 
 @njit
 def _nearest_time(x, y, z, start, step, poses, polynomials, breaks, bend, cutter, look, at):
-    """Time at which the topless cutter is nearest, given its poses (K, 12) at times start, start + step, ...
+    """(time at which the topless cutter is nearest, floor), given its poses (K, 12) at times start, start + step, ...
 
-    look (K + SEARCHED or more, 6) is scratch. No time outside of the pieces that are given up is nearer by more than
-    SETTLED: a piece is searched and halved until its lower bound says so.
+    look (K + SEARCHED or more, 6) is scratch. A piece of time is searched and halved until its lower bound says that it
+    is not nearer by more than SETTLED; floor is the lowest bound of the pieces that are left after SEARCHED halvings,
+    inf if there are none.
     """
     last = poses.shape[0] - 1
     best = np.inf
@@ -235,7 +238,11 @@ def _nearest_time(x, y, z, start, step, poses, polynomials, breaks, bend, cutter
         look[pieces, 4] = s
         look[pieces, 5] = s1
         pieces += 1
-    return time
+    floor = np.inf
+    for k in range(pieces):
+        piece = look[k]
+        floor = min(floor, _least_between(piece[2], piece[4], piece[3], piece[5], piece[1] - piece[0], bend))
+    return time, floor
 
 
 @njit
@@ -246,13 +253,13 @@ def _fill_node(block, a, b, start, step, poses, polynomials, breaks, bend, cutte
         node[PLACE + 3 * m] = x[m]
         node[PLACE + 3 * m + 1] = y[m]
         node[PLACE + 3 * m + 2] = z[m]
-    time = _nearest_time(x[0], y[0], z[0], start, step, poses, polynomials, breaks, bend, cutter, look, at)
+    time, floor = _nearest_time(x[0], y[0], z[0], start, step, poses, polynomials, breaks, bend, cutter, look, at)
     _moving_pose(polynomials, breaks, time, at)
     low, _, along, across = _topless(x[0], y[0], z[0], at, cutter)
     r_min, sine, cosine, ball_height, ball_radius = cutter[0], cutter[1], cutter[2], cutter[4], cutter[5]
     beside = along * cosine + (across - r_min) * sine
     node[TIME] = time
-    node[LOW] = low - SETTLED
+    node[LOW] = min(low - SETTLED, floor)
     node[GAP] = cutter_distance(
         x[0], y[0], z[0], at[0], at[1], at[2], at[0] + at[3], at[1] + at[4], at[2] + at[5],
         r_min, sine, cosine, cutter[3], ball_height, ball_radius,
@@ -342,23 +349,6 @@ def _upper(nodes, ha, hb, du, dv, bend_uu, bend_uv, bend_vv, cutter):
 
 
 @njit(inline="always")
-def _inside(u, v, vertices, starts):
-    """Even-odd rule for one point, as in `polygon.inside_even_odd`."""
-    odd = False
-    for loop in range(starts.shape[0] - 1):
-        j = starts[loop + 1] - 1
-        for i in range(starts[loop], starts[loop + 1]):
-            yi = vertices[i, 1]
-            yj = vertices[j, 1]
-            if (yi > v) != (yj > v):
-                crossing = vertices[i, 0] + (v - yi) / (yj - yi) * (vertices[j, 0] - vertices[i, 0])
-                if u < crossing:
-                    odd = not odd
-            j = i
-    return odd
-
-
-@njit(inline="always")
 def _crossed(u0, u1, v0, v1, vertices, starts):
     """Whether an edge of the loops passes through the inside of a box, a millionth of its size within."""
     eps = 1e-6 * (u1 - u0)
@@ -396,7 +386,7 @@ def bounded_cells(
     """Bounds on the swept gap over a trimmed face, cell by cell.
 
     breaks_u, breaks_v, coefficients: the surface (`Spans`). roots (N, 2) int: span of each root cell, places (N, 4):
-    its local a0, a1, b0, b1. vertices (M, 2), starts (K + 1,): the loops, as in `polygon.inside_even_odd`.
+    its local a0, a1, b0, b1. vertices (M, 2), starts (K + 1,): the loops, as in `polygon.is_inside`.
     polynomials, breaks: the motion as in `swept_gap.pose`; poses (samples + 1, 12): at equal times; bends (samples,):
     between two of them the second derivative of a distance by t is at least minus that. motion_bounds (3,): largest
     speeds by t of the contact, of heights on the axis, and turn of the axis. cutter (6,) as in `swept_gap`. limits
@@ -437,7 +427,7 @@ def bounded_cells(
         b = 0.5 * (places[n, 2] + places[n, 3])
         u = breaks_u[i] + a * (breaks_u[i + 1] - breaks_u[i])
         v = breaks_v[j] + b * (breaks_v[j + 1] - breaks_v[j])
-        if _inside(u, v, vertices, starts):
+        if is_inside(u, v, vertices, starts):
             _fill_node(
                 coefficients[i, j], a, b, 0.0, step, poses, polynomials, breaks, bends.max(), cutter, look, at, middle
             )
@@ -475,7 +465,7 @@ def bounded_cells(
             if trim != 1:
                 crossed = _crossed(u0, u1, v0, v1, vertices, starts)
                 if not crossed:
-                    if not _inside(0.5 * (u0 + u1), 0.5 * (v0 + v1), vertices, starts):
+                    if not is_inside(0.5 * (u0 + u1), 0.5 * (v0 + v1), vertices, starts):
                         continue
                     trim = 1
                 else:
@@ -676,7 +666,7 @@ def bounded_cells(
                 g = nodes[m, GAP] - allowance
                 corner = max(corner, abs(g))
                 if -g > deepest and (
-                    trim == 1 or _inside(u0 if m < 2 else u1, v0 if m % 2 == 0 else v1, vertices, starts)
+                    trim == 1 or is_inside(u0 if m < 2 else u1, v0 if m % 2 == 0 else v1, vertices, starts)
                 ):
                     deepest = -g
             size = max(du, dv)
@@ -743,7 +733,7 @@ def bounded_cells(
                 for m in range(16):
                     u = u0 + (m // 4 + 0.5) / 4 * (u1 - u0)
                     v = v0 + (m % 4 + 0.5) / 4 * (v1 - v0)
-                    if _inside(u, v, vertices, starts):
+                    if is_inside(u, v, vertices, starts):
                         inside += 1
                 area *= inside / 16
             if rows + 1 > table.shape[0]:
