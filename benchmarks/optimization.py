@@ -791,6 +791,11 @@ def main(only: str | None, face: str, motions: int, runs: int, as_json: str | No
         figures["verdicts"] = kept.get("verdicts", {}) | {
             verdict.what: [verdict.found, verdict.reached] for verdict in verdicts
         }
+        if face and "blades" in figures and "blades" in kept:
+            # Rows of other faces stay.
+            mine = {(row["face"], row["tool"]) for row in figures["blades"]["rows"]}
+            others = [row for row in kept["blades"]["rows"] if (row["face"], row["tool"]) not in mine]
+            figures["blades"]["rows"] = sorted(others + figures["blades"]["rows"], key=lambda r: (r["face"], r["tool"]))
         file.write_text(json.dumps(kept | figures, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if all(verdict.reached for verdict in verdicts) else 1)
 

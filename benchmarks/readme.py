@@ -200,7 +200,11 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
     ("optimization", "REFINED", "sweeps of a face and tool that are refined and grown, about"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
-    ("optimization.task", "STEADY", "share of its velocity with which an axis moves across itself, at least"),
+    (
+        "optimization.task",
+        "STEADY",
+        "share of its velocity with which an axis moves across itself at least, after growth and polish",
+    ),
     ("optimization.task", "POLISH_PROXIMITY", "factor on μ₃ in the polish on the swept gap"),
     ("optimization.envelope_polish", "FAIR", "factor on μ₂ and μ₅ there"),
     ("optimization.envelope_polish", "STIFF", "factor on μ₄ there"),

@@ -18,8 +18,8 @@ def reach(source: str, picture: str | None, points: int, as_json: bool, talk: Ta
     """Tell which area of each design face every tool of a job can flank-mill.
 
     At every point the least axis error of any line that touches there along a third, two thirds or nine tenths of the
-    flute; the table gives the share of the area within half, once and twice the tolerance. Collision and the machine's
-    reach are not looked at. JOB is a job file in TOML.
+    flute; the table gives the share of the area within half, once and twice the tolerance (the mean of unequal ones).
+    Collision and the machine's reach are not looked at. JOB is a job file in TOML.
     """
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job

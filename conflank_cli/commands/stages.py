@@ -52,13 +52,6 @@ def run_optimize(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[lis
 
     with talk.timed("optimize"):
         motions, summary = optimize(scene, list(sweeps), talk.progress)
-    if not motions:
-        raise NumericalError(
-            "optimize",
-            f"no usable motion from {len(sweeps)} candidates",
-            "at least one",
-            "Widen [tolerance], or try smaller tools.",
-        )
     if summary["left_out"]:
         talk.note(f"optimize: {summary['left_out']} of {len(sweeps)} candidates left out; conflank inspect says why")
     return motions, _counts(scene, motions) | summary

@@ -85,7 +85,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
     results = Counter(STATUS[solution.status] for solution in solutions)
     summary = {"left_out": len(sweeps) - len(sound), "results": dict(results.most_common())}
     return [
-        Sweep(sweeps[k].face, sweeps[k].tool, solutions[k].motion, {**sweeps[k].facts, **_facts(solutions[k], limits)})
+        Sweep(sweeps[k].face, sweeps[k].tool, solutions[k].motion, {**_kept(sweeps[k]), **_facts(solutions[k], limits)})
         for k in sound
     ], summary
 
@@ -124,6 +124,11 @@ def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.fl
     covers = np.array([task.covered(gap) for gap in gaps])
     areas = task.samples.areas
     return shortlist(covers, areas, mean_errors(covers, gaps, areas), REFINED, LEAST_GAIN)
+
+
+def _kept(sweep: Sweep) -> dict[str, float]:
+    """The facts of detection but the axis error, which is another one by now."""
+    return {name: value for name, value in sweep.facts.items() if not name.startswith("axis_error_")}
 
 
 def _facts(solution: Solution, limits: Limits) -> dict[str, float]:

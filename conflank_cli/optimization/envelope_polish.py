@@ -75,7 +75,8 @@ def for_area(
     """
     field: GapField | None = None
     for scale in scales:
-        field = gap_field(motion, tool, points.x, limits.allowance, None if field is None else field.time)
+        start = None if field is None else field.time
+        field = gap_field(motion, tool, points.x, limits.allowance, start, np.inf)
         say = points.areas * robust_weights(field.gap, limits, scale * limits.under, True)
         step = _step(tool, motion, field, field.gap, say, weights)
         if step is None:

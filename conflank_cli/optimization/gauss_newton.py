@@ -64,6 +64,8 @@ STATUS = {
 # A step that moves a control point by more is shortened to it, mm. One that promises less than STILL² from the
 # functional, a mean square, is a standstill, mm: the soft modes may go on moving for ever.
 LONGEST_STEP, STILL = 1.0, 1e-5
+# With fewer samples on the face than this a motion has left it.
+LEAST_SAMPLES = 4
 # Of the weight of a sample on the face: what a sample off it keeps, to hold the motion steady there.
 OFF_FACE = 0.01
 # Overcut is weighed up from this share of the tolerance on, so that the optimum stays inside it.
@@ -152,7 +154,7 @@ def minimise(
         there = field.on > 0.5
         if start is None:
             start = path.terms(_mean_square(field), 0.0)
-        if there.sum() < 4:
+        if there.sum() < LEAST_SAMPLES:
             status = "lost"
             break
         w = sample_weights(field, limits, scale, barrier) * (weights.mu1 / there.sum())
@@ -169,6 +171,8 @@ def minimise(
         if float(step.ravel() @ equations.right) < STILL * STILL and used == len(schedule):
             status = "converged"
     field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field)
+    if np.sum(field.on > 0.5) < LEAST_SAMPLES:
+        status = "lost"
     end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), way(motion, begin, t))
     return Solution(motion, field, used, status, start or end, end)
 

@@ -95,7 +95,12 @@ class Task:
         if self.polish:
             best = self._flattened(self._better(best, self._polished(best.motion, POLISH_SCALES)))
         proximity = way(best.motion, candidate, np.linspace(0.0, 1.0, self.grid[0]))
-        return replace(best, start=solution.start, end=replace(best.end, proximity=proximity))
+        return replace(
+            best,
+            start=solution.start,
+            iterations=solution.iterations + best.iterations,
+            end=replace(best.end, proximity=proximity),
+        )
 
     def refitted(self, motion: Motion) -> Motion:
         """The motion with as many control points as it settles with."""
