@@ -125,7 +125,10 @@ def test_density_on_the_command_line_goes_before_the_job(
 
 @pytest.mark.parametrize(
     ("tolerance", "norm", "overcut", "stock"),
-    [("overcut = 0\nundercut = 0.04", "2", 0.0, 40.0), ("overcut = 0.02\nundercut = 0.02", '"max"', 20.0, 20.0)],
+    [
+        ("overcut = 0\nundercut = 0.04", "8", 0.0, 40.0),
+        pytest.param("overcut = 0.02\nundercut = 0.02", '"max"', 20.0, 20.0, marks=pytest.mark.slow),
+    ],
 )
 def test_a_forbidden_side_and_the_largest_norm_reach_the_posted_program(
     tolerance: str, norm: str, overcut: float, stock: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
