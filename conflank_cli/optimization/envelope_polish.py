@@ -19,7 +19,7 @@ from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.gauss_newton import robust_weights
-from conflank_cli.optimization.normal_equations import NormalEquations, basis_at, moved
+from conflank_cli.optimization.normal_equations import NormalEquations, basis_at, moved, values_at
 from conflank_cli.optimization.terms import AxisPath, Weights
 from conflank_cli.tool import Tool
 
@@ -91,11 +91,9 @@ def _step(tool: Tool, motion: Motion, field: GapField, residuals: Array, say: Ar
     if total <= 0.0:
         return None
     keep = say > 1e-9 * say.max()
-    basis = basis_at(motion.knots, field.time[keep])
+    first, value = values_at(motion.knots, field.time[keep])
     equations = NormalEquations.of(motion)
-    equations.add(
-        basis.first, basis.value, field.rows[keep, None, :], residuals[keep, None], (say[keep] / total)[:, None]
-    )
+    equations.add(first, value, field.rows[keep, None, :], residuals[keep, None], (say[keep] / total)[:, None])
     even = basis_at(motion.knots, np.linspace(0.0, 1.0, POSES * len(motion.p)))
     AxisPath.of(motion, tool, even).add(equations, weights, FAIR, STIFF)
     try:

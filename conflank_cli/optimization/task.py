@@ -56,6 +56,15 @@ STILL_ON_FACE = 0.08
 
 
 @dataclass(frozen=True, slots=True)
+class _Judged:
+    """A solution, the area in mm2 that it covers, and the mean |g| over that in mm."""
+
+    solution: Solution
+    area: float
+    mean: float
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """What every sweep of one face and tool is optimised with.
 
@@ -85,15 +94,17 @@ class Task:
         candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
         envelope that the paper's functional slides off along the axis; the one that covers more is gone on with.
         """
-        best = self._settled(self.refitted(solution.motion))
-        if best.failed:
+        settled = self._settled(self.refitted(solution.motion))
+        if settled.failed:
             return solution
+        judged = self._judged(settled)
         if self.polish:
-            best = self._better(best, self._polished(self.refitted(candidate), DIRECT_SCALES))
+            judged = self._better(judged, self._polished(self.refitted(candidate), DIRECT_SCALES))
         if self.grow:
-            best = self._grown(best)
+            judged = self._grown(judged)
         if self.polish:
-            best = self._flattened(self._better(best, self._polished(best.motion, POLISH_SCALES)))
+            judged = self._better(judged, self._polished(judged.solution.motion, POLISH_SCALES))
+        best = self._flattened(judged) if self.polish else judged.solution
         proximity = way(best.motion, candidate, np.linspace(0.0, 1.0, self.grid[0]))
         return replace(
             best,
@@ -107,23 +118,21 @@ class Task:
         count = int(np.clip(round(travel(motion) / FINE_SPACING) + 3, max(len(motion.p), FINE_FEWEST), FINE_MOST))
         return motion.respaced(count)
 
-    def _grown(self, solution: Solution) -> Solution:
+    def _grown(self, best: _Judged) -> _Judged:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
-        best = solution
-        area = self._covered_area(best.motion)
         for _ in range(ROUNDS):
-            before = area
+            before = best
             # Each move starts from what those before it have gained.
             for move in (self._slid, self._continued_at_start, self._continued_at_end):
-                moved = move(best)
+                moved = move(best.solution)
                 if moved is None:
                     continue
                 trial = self._settled(moved)
                 if trial.failed or not self._steady(trial.motion):
                     continue
-                if (grown := self._covered_area(trial.motion)) > WORTH * area:
-                    best, area = trial, grown
-            if area == before:
+                if (grown := self._judged(trial)).area > WORTH * best.area:
+                    best = grown
+            if best is before:
                 break
         return best
 
@@ -131,14 +140,17 @@ class Task:
         points = self.points.near(motion, self.tool, self.limits, scales[0])
         return for_area(self.tool, motion, points, self.limits, self.polish_weights, scales)
 
-    def _better(self, solution: Solution, motion: Motion | None) -> Solution:
+    def _better(self, best: _Judged, motion: Motion | None) -> _Judged:
         """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""
         if motion is None or not self._steady(motion):
-            return solution
-        (area, mean), (new_area, new_mean) = self._served(solution.motion), self._served(motion)
-        more = new_area > (1.0 + ALIKE) * area
-        finer = new_area > (1.0 - ALIKE) * area and new_mean < mean
-        return self._with(solution, motion) if more or finer else solution
+            return best
+        area, mean = self._served(motion)
+        more = area > (1.0 + ALIKE) * best.area
+        finer = area > (1.0 - ALIKE) * best.area and mean < best.mean
+        return _Judged(self._with(best.solution, motion), area, mean) if more or finer else best
+
+    def _judged(self, solution: Solution) -> _Judged:
+        return _Judged(solution, *self._served(solution.motion))
 
     def _served(self, motion: Motion) -> tuple[float, float]:
         """Covered area in mm2, and the mean |g| over it in mm."""
@@ -147,11 +159,11 @@ class Task:
         areas = self.samples.areas[covered]
         return float(areas.sum()), float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
 
-    def _flattened(self, solution: Solution) -> Solution:
+    def _flattened(self, best: _Judged) -> Solution:
         """The solution with the norm of its gap made small that the job asks for, unless that costs area."""
         if self.norm == 2:
-            return solution
-        motion = solution.motion
+            return best.solution
+        motion = best.solution.motion
         points = self.points.near(motion, self.tool, self.limits, POLISH_SCALES[0])
         norms = tuple(
             p for p, steps in NORM_STEPS.items() if self.norm == "max" or p <= self.norm for _ in range(steps)
@@ -161,8 +173,8 @@ class Task:
             served = within(motion_gap(motion, self.tool, points.x, self.limits.allowance)[0], self.limits)
             # Like the norms from the middle of the tolerance, or the side with less room would be left.
             flat = least_worst(flat, self.tool, Aim(points.x, served, self.limits.allowance + self.limits.middle))[0]
-        keeps = self._covered_area(flat) >= (1.0 - FLATTER) * self._covered_area(motion)
-        return self._with(solution, flat) if keeps and self._steady(flat) else solution
+        keeps = self._served(flat)[0] >= (1.0 - FLATTER) * best.area
+        return self._with(best.solution, flat) if keeps and self._steady(flat) else best.solution
 
     @property
     def polish_weights(self) -> Weights:
@@ -185,9 +197,6 @@ class Task:
     def covered(self, gaps: Array) -> BoolArray:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
         return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
-
-    def _covered_area(self, motion: Motion) -> float:
-        return self._served(motion)[0]
 
     def _slid(self, solution: Solution) -> Motion | None:
         motion = solution.motion
