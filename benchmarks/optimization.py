@@ -48,6 +48,7 @@ from conflank_cli.detection import detect
 from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.gap import gap_field, motion_gap, travel
 from conflank_cli.geometry.growth import away_from, greville, slid
+from conflank_cli.geometry.normal_equations import NormalEquations, basis_at
 from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -59,7 +60,6 @@ from conflank_cli.optimization import (
     prepare,
 )
 from conflank_cli.optimization.gauss_newton import Step, minimise
-from conflank_cli.optimization.normal_equations import NormalEquations, basis_at
 from conflank_cli.optimization.task import Task
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
@@ -292,13 +292,13 @@ def conditioning(tool: Tool, motion: Motion, face: WorkFace, samples: FaceSample
     """
     field = gap_field(motion, tool, samples.points)
     at = basis_at(motion.knots, field.time)
-    equations = NormalEquations.of(motion)
+    equations = NormalEquations.of(len(motion.p))
     weight = samples.areas / samples.areas.sum()
     equations.add(at.first, at.value, field.rows[:, None, :], field.gap[:, None], weight[:, None])
     gap = dense_matrix(equations)
     even = basis_at(motion.knots, np.linspace(0.0, 1.0, 6 * len(motion.p)))
     m = len(even.first)
-    equations = NormalEquations.of(motion)
+    equations = NormalEquations.of(len(motion.p))
     unit = np.broadcast_to(np.eye(6), (m, 6, 6))
     equations.add(even.first, even.value, unit, np.zeros((m, 6)), np.full((m, 6), 0.5 / m))
     way = dense_matrix(equations)

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
 
 from conflank_cli.detection.settling import Contact
-from conflank_cli.geometry.kernels.motion_error import add_rows
+from conflank_cli.geometry.normal_equations import NormalEquations, values_at
 from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion, uniform_knots
 
@@ -44,9 +43,7 @@ class _Basis(NamedTuple):
     @classmethod
     def at(cls, t: Array, count: int) -> _Basis:
         """`count` control points on uniform knots."""
-        matrix = BSpline.design_matrix(t, uniform_knots(count), DEGREE)
-        indices = matrix.indices.reshape(len(t), DEGREE + 1)[:, 0].astype(np.int64)
-        return cls(t, indices, np.ascontiguousarray(matrix.data.reshape(len(t), DEGREE + 1)))
+        return cls(t, *values_at(uniform_knots(count), t))
 
     def __matmul__(self, control: Array) -> Array:
         around = control[self.first[:, None] + np.arange(DEGREE + 1)]
@@ -68,31 +65,12 @@ def _third_derivatives(count: int) -> Array:
     return np.asarray(values.T @ values)
 
 
-class _Equations:
-    """Banded normal equations for control points (n, 6), p then q: weighted rows of six times the splines at a time."""
-
-    def __init__(self, count: int) -> None:
-        self.band = np.zeros((6 * (DEGREE + 1), 6 * count))
-        self.right = np.zeros(6 * count)
-
-    def copy(self) -> _Equations:
-        other = _Equations(len(self.right) // 6)
-        other.band[:], other.right[:] = self.band, self.right
-        return other
-
-    def smooth(self, weight: float) -> None:
-        """Hold the third derivatives down, with time counted in knot spans."""
-        pairs = _third_derivatives(len(self.right) // 6)
-        for k in range(DEGREE + 1):
-            below = np.diagonal(pairs, -k)
-            self.band[6 * k, : 6 * len(below)] += weight * np.repeat(below, 6)
-
-    def add(self, basis: _Basis, rows: Array, aims: Array, weights: Array) -> None:
-        """rows (K, J, 6) shall give aims (K, J), each counted with its weight (K, J)."""
-        add_rows(self.band, self.right, basis.first, basis.values, rows, -aims, weights)
-
-    def solved(self) -> Array:
-        return np.asarray(solveh_banded(self.band, self.right, lower=True).reshape(-1, 6))
+def _smooth(equations: NormalEquations, weight: float) -> None:
+    """Hold the third derivatives down, with time counted in knot spans."""
+    pairs = _third_derivatives(len(equations.right) // 6)
+    for k in range(DEGREE + 1):
+        below = np.diagonal(pairs, -k)
+        equations.band[6 * k, : 6 * len(below)] += weight * np.repeat(below, 6)
 
 
 def fit_motion(contact: Contact, length: float, limits: Limits) -> Motion:
@@ -128,11 +106,13 @@ def fit_motion(contact: Contact, length: float, limits: Limits) -> Motion:
         """The fit with so many control points, rigid after enough rounds."""
         dense = _dense(count)
         between = np.stack([np.interp(dense.t, t, ends[:, k]) for k in range(6)], axis=1)
-        equations = _Equations(count)
-        equations.add(_Basis.at(t, count), rows, aims, weights)
+        equations = NormalEquations.of(count)
+        lines = _Basis.at(t, count)
+        # The control points themselves are solved for, so residuals are those of all at zero: minus what is aimed at.
+        equations.add(lines.first, lines.values, rows, -aims, weights)
         each = np.full(between.shape, ALONG * len(t) / len(dense.t))
-        equations.add(dense, np.tile(np.eye(6), (len(dense.t), 1, 1)), between, each)
-        equations.smooth(FAIR)
+        equations.add(dense.first, dense.values, np.tile(np.eye(6), (len(dense.t), 1, 1)), -between, each)
+        _smooth(equations, FAIR)
         control = _rigid(equations, dense, between, length)
         for _ in range(rounds):
             axes = dense @ control
@@ -156,19 +136,20 @@ def fit_motion(contact: Contact, length: float, limits: Limits) -> Motion:
     return Motion(uniform_knots(count), np.ascontiguousarray(control[:, :3]), np.ascontiguousarray(control[:, 3:]))
 
 
-def _rigid(contacts: _Equations, basis: _Basis, ends: Array, length: float) -> Array:
+def _rigid(contacts: NormalEquations, basis: _Basis, ends: Array, length: float) -> Array:
     """Control points (n, 6) of the fit with <q - p, d> = length, d being the directions of axes with ends (K, 6)."""
     axes = ends[:, 3:] - ends[:, :3]
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     equations = contacts.copy()
     shape = (len(axes), 1)
     equations.add(
-        basis,
+        basis.first,
+        basis.values,
         np.hstack([-axes, axes])[:, None, :],
-        np.full(shape, length),
+        np.full(shape, -length),
         np.full(shape, STIFF / len(axes)),
     )
-    return equations.solved()
+    return equations.step()
 
 
 def _stretched(ends: Array, length: float) -> float:

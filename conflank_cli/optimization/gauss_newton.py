@@ -10,10 +10,10 @@ import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
 from conflank_cli.geometry.kernels.motion_error import motion_errors
+from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.normal_equations import NormalEquations, basis_at, moved
 from conflank_cli.optimization.terms import AxisPath, Terms, Weights, way
 from conflank_cli.tool import Tool
 
@@ -159,7 +159,7 @@ def minimise(
             break
         w = sample_weights(field, limits, scale, barrier) * (weights.mu1 / there.sum())
         rows = np.concatenate([(1.0 - fractions)[None, :, None] * normal, fractions[None, :, None] * normal], axis=2)
-        equations = NormalEquations.of(motion)
+        equations = NormalEquations.of(len(motion.p))
         equations.add(basis.first, basis.value, rows, field.error, w)
         path.add(equations, weights, fade, stiff)
         try:

@@ -15,8 +15,8 @@ from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, hstack, vstack
 
 from conflank_cli.geometry.gap import GapField, gap_field
+from conflank_cli.geometry.normal_equations import Basis, basis_at, values_at
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.normal_equations import Basis, basis_at, values_at
 from conflank_cli.optimization.terms import AxisPath
 from conflank_cli.tool import Tool
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.geometry.normal_equations import Basis, NormalEquations
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.normal_equations import Basis, NormalEquations
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]

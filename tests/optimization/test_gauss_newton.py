@@ -12,6 +12,7 @@ from scipy.linalg import solveh_banded
 from benchmarks.envelopes import cylinder
 from benchmarks.envelopes import swept_gap as by_brute_force
 from conflank_cli.geometry.kernels.motion_error import add_rows
+from conflank_cli.geometry.normal_equations import basis_at
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.optimization.gauss_newton import (
@@ -26,7 +27,6 @@ from conflank_cli.optimization.gauss_newton import (
     minimise,
     sample_weights,
 )
-from conflank_cli.optimization.normal_equations import basis_at
 from conflank_cli.optimization.terms import Weights
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import design, envelope, known, work

@@ -64,17 +64,21 @@ class NormalEquations:
     right: Array
 
     @classmethod
-    def of(cls, motion: Motion) -> NormalEquations:
+    def of(cls, count: int) -> NormalEquations:
         """No rows yet, for the control points of a motion (p then q of each)."""
-        size = 6 * len(motion.p)
+        size = 6 * count
         return cls(np.zeros((6 * (DEGREE + 1), size)), np.zeros(size))
 
     def add(self, first: IntArray, basis: Array, rows: Array, residuals: Array, weights: Array) -> None:
         """Add k residuals at each of m times: rows (m, k, 6) by p(t) and q(t) times basis (m, 4), weights (m, k)."""
         add_rows(self.band, self.right, first, basis, rows, residuals, weights)
 
+    def copy(self) -> NormalEquations:
+        """The same rows, to add others to."""
+        return NormalEquations(self.band.copy(), self.right.copy())
+
     def step(self) -> Array:
-        """The change of the control points (n, 6) that solves them.
+        """The control points (n, 6), or their change where rows hold residuals, that solve them.
 
         Raises
         ------
