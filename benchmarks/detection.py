@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,13 +21,13 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.table import Table
 
 from benchmarks.blind_families import Family, blind_families
 from benchmarks.blind_search import CONTACTS, SPHERES, BlindSearch
 from benchmarks.envelopes import PATCH, cylinder, random_envelopes
 from benchmarks.joined import joined_faces
-from benchmarks.run import PARTS, REPOSITORY, SEED, TABLE_WIDTH
+from benchmarks.run import PARTS, REPOSITORY, SEED
+from benchmarks.verdicts import Part, Verdict, kept, measured, table, table_console
 from conflank_cli import job as jobs
 from conflank_cli.cad.reader import read_part
 from conflank_cli.cad.scene import resolve_faces
@@ -144,32 +144,15 @@ def load(flank: Flank) -> DesignFace:
 
 def within(sweeps: Sequence[Sweep], tool: Tool, points: Array) -> npt.NDArray[np.bool_]:
     """Which points (N, 3) each sweep leaves within the tolerance, (S, N)."""
-    table = np.zeros((len(sweeps), len(points)), dtype=np.bool_)
+    near = np.zeros((len(sweeps), len(points)), dtype=np.bool_)
     for k, sweep in enumerate(sweeps):
-        table[k] = np.abs(motion_gap(sweep.motion, tool, points)[0]) <= TOLERANCE
-    return table
+        near[k] = np.abs(motion_gap(sweep.motion, tool, points)[0]) <= TOLERANCE
+    return near
 
 
 def share(areas: Array, chosen: npt.NDArray[np.bool_]) -> float:
     """Share of the whole area that the chosen samples stand for."""
     return float(areas[chosen].sum() / areas.sum())
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """One requirement: what was asked (empty: nothing, for comparison), what came out, whether it is reached."""
-
-    what: str
-    asked: str
-    found: str
-    reached: bool
-
-
-def _table(title: str, *headings: str) -> Table:
-    table = Table(title=title)
-    for k, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if k == 0 or heading == "explanation" else "right", no_wrap=True)
-    return table
 
 
 # -- exact envelopes -------------------------------------------------------------------------------------------------
@@ -194,7 +177,7 @@ def best_shares(
 
 def envelopes(console: Console, progress: Progress, count: int) -> tuple[list[Verdict], dict[str, Any]]:
     """Exact envelopes of `count` random motions of each tool: does one detected sequence cut the known patch?"""
-    table = _table(
+    printed = table(
         f"exact envelopes: best single sequence as detected, within {1e3 * TOLERANCE:g} um",
         "tool", "motions", ">= 90 %", "least %", "median %", "median s", "control points",
     )  # fmt: skip
@@ -219,12 +202,12 @@ def envelopes(console: Console, progress: Progress, count: int) -> tuple[list[Ve
             }
             for k, row in enumerate(found)
         ]
-        table.add_row(
+        printed.add_row(
             tool.name, str(count), str(int((shares >= KNOWN_SHARE).sum())), f"{100 * shares.min():.1f}",
             f"{100 * np.median(shares):.1f}", f"{np.median(seconds):.2f}",
             f"{min(points)} ... {max(points)}, median {np.median(points):.0f}",
         )  # fmt: skip
-    console.print(table)
+    console.print(printed)
     missed = [row for row in rows if row["share"] < KNOWN_SHARE]
     for row in missed:
         console.print(f"  missed: {row['tool']} motion {row['motion']}: {100 * row['share']:.1f} %")
@@ -238,7 +221,7 @@ def envelopes(console: Console, progress: Progress, count: int) -> tuple[list[Ve
 
 def joined(console: Console, progress: Progress) -> tuple[list[Verdict], dict[str, Any]]:
     """Two envelopes joined in one face: are both found?"""
-    table = _table("two envelopes in one face", "tool", "first half %", "second half %", "sweeps", "s")
+    printed = table("two envelopes in one face", "tool", "first half %", "second half %", "sweeps", "s")
     rows: list[dict[str, Any]] = []
     both = 0
     cases = joined_faces(SEED)
@@ -250,10 +233,10 @@ def joined(console: Console, progress: Progress) -> tuple[list[Verdict], dict[st
     for case, (shares, seconds, points) in zip(cases, found, strict=True):
         both += min(shares) >= KNOWN_SHARE
         rows.append({"tool": case.tool.name, "shares": [round(half, 4) for half in shares]})
-        table.add_row(
+        printed.add_row(
             case.tool.name, *(f"{100 * half:.1f}" for half in shares), str(len(points)), f"{seconds:.2f}"
         )  # fmt: skip
-    console.print(table)
+    console.print(printed)
     return [Verdict("both halves of a joined face", f"{len(rows)} of {len(rows)}", str(both), both == len(rows))], {
         "faces": rows
     }
@@ -356,15 +339,15 @@ def blades(console: Console, progress: Progress, points: int, density: Density) 
         for flank, tool in asked_about:
             rows.append(blade(flank, tool, points, density))
             stage.advance()
-    maps = _table(
+    maps = table(
         f"reachable within {1e3 * TOLERANCE:g} um, % of the area (* region); at worst: at any of "
         f"{', '.join(f'{1e3 * t:g}' for t in TOLERANCES)} um",
         "face", "tool", "flute", "map", "blind", "differs", "at worst", "map better", "footpoints", "blind", "ratio",
     )  # fmt: skip
-    patches = _table(
+    patches = table(
         "detected patches", "face", "tool", "reachable %", "detected %", "of reachable %", "sweeps", "s", "blind only"
     )
-    named = _table(
+    named = table(
         "families of lines that only the blind search finds; bend: median of |second derivative of the distance|",
         "face", "tool", "explanation", "families", "area %", "map misses %", "bend 1/m",
     )  # fmt: skip
@@ -385,8 +368,8 @@ def blades(console: Console, progress: Progress, points: int, density: Density) 
         )  # fmt: skip
         for cells in _explained(row["_families"], row["_areas"]):
             named.add_row(row["face"], row["tool"], *cells)
-    for table in (maps, patches, named):
-        console.print(table)
+    for printed in (maps, patches, named):
+        console.print(printed)
     every = [compared for row in rows for compared in row["_comparisons"]]
     asked = [row["_comparisons"][0] for row in rows]
     differs = max(float(compared.differs[-1]) for compared in asked)
@@ -449,16 +432,16 @@ def timing(console: Console, runs: int) -> tuple[list[Verdict], dict[str, Any]]:
     by_density = [clock for clock, _ in measured]
     alone = [by_density[1], *(least_seconds(scene(face, [tool], free=True), runs)[0] for tool in tools[1:])]
     by_tools = [alone[0], *(least_seconds(scene(face, tools[:count], free=True), runs)[0] for count in (2, 3))]
-    table = _table(
+    printed = table(
         f"time of detection on {name}", "", "contacts x heights", "s", "s of all cores", "per 1000, or per tool alone"
     )
     for density, count, (clock, cores) in zip(densities, seeds, measured, strict=True):
         row = [f"{count:.0f}", f"{clock:.2f}", f"{cores:.2f}", f"{1e3 * clock / count:.2f}"]
-        table.add_row(f"T1, {density}", *row)
+        printed.add_row(f"T1, {density}", *row)
     for count, seconds in enumerate(by_tools, 1):
         together = f"{seconds / sum(alone[:count]):.2f}"
-        table.add_row(" ".join(tool.name for tool in tools[:count]), "", f"{seconds:.2f}", "", together)
-    console.print(table)
+        printed.add_row(" ".join(tool.name for tool in tools[:count]), "", f"{seconds:.2f}", "", together)
+    console.print(printed)
     exponent = fitted_exponent(seeds, by_density)
     # Tools differ: the drawer is held against the sum of its tools, one at a time.
     of_tools = fitted_exponent(np.cumsum(alone).tolist(), by_tools)
@@ -517,32 +500,17 @@ def _plot(
 @click.option("--json", "as_json", metavar="FILE", help="Write the figures to FILE too.")
 def main(only: str | None, points: int, motions: int, density: Density, runs: int, as_json: str | None) -> None:
     """Print what detection must reach; exit code 1 where a figure is missed."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=TABLE_WIDTH)
+    console = table_console()
     progress = make_progress(quiet=False)
-    verdicts: list[Verdict] = []
-    figures: dict[str, Any] = {}
-    parts: dict[str, Callable[[], tuple[list[Verdict], dict[str, Any]]]] = {
+    parts: dict[str, Part] = {
         "time": lambda: timing(console, runs),
         "envelopes": lambda: envelopes(console, progress, motions),
         "joined": lambda: joined(console, progress),
         "blades": lambda: blades(console, progress, points, density),
     }
-    for name, part in parts.items():
-        if only in (None, name):
-            start = time.perf_counter()
-            asked, figures[name] = part()
-            verdicts += asked
-            console.print(f"{name}: {time.perf_counter() - start:.0f} s")
-    table = _table("Detection", "figure", "asked", "found", "result")
-    for verdict in verdicts:
-        table.add_row(
-            verdict.what, verdict.asked, verdict.found, ("pass" if verdict.reached else "MISS") if verdict.asked else ""
-        )
-    console.print(table)
+    verdicts, figures = measured(console, "Detection", parts, only)
     if as_json is not None:
-        figures["verdicts"] = {verdict.what: [verdict.found, verdict.reached] for verdict in verdicts}
+        figures["verdicts"] = kept(verdicts)
         Path(as_json).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if all(verdict.reached for verdict in verdicts) else 1)
 

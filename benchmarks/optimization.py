@@ -23,11 +23,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.table import Table
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from benchmarks.detection import NO_MACHINE, NOTHING, Flank, Verdict, load, whole
+from benchmarks.detection import NO_MACHINE, NOTHING, Flank, load, whole
 from benchmarks.envelopes import EnvelopeCase, cylinder, random_envelopes
 from benchmarks.ruled_gallery import (
     FREE,
@@ -41,7 +40,8 @@ from benchmarks.ruled_gallery import (
     trade,
 )
 from benchmarks.ruling_following import Band, band_errors, ruling_following
-from benchmarks.run import PARTS, REPOSITORY, SEED, TABLE_WIDTH
+from benchmarks.run import PARTS, REPOSITORY, SEED
+from benchmarks.verdicts import Part, Verdict, kept, measured, table, table_console
 from conflank_cli import job as jobs
 from conflank_cli.cad.scene import load_scene
 from conflank_cli.detection import detect
@@ -95,14 +95,6 @@ def task_of(job: Scene, face: int = 0) -> Task:
     """What the sweeps of the first tool on a face are optimised with."""
     key = face, job.tools[0].name
     return prepare(job, [key])[key]
-
-
-def table(title: str, *headings: str) -> Table:
-    """A table whose first column is text and the others figures."""
-    made = Table(title=title)
-    for k, heading in enumerate(headings):
-        made.add_column(heading, justify="left" if k == 0 else "right", no_wrap=True)
-    return made
 
 
 # -- ruling-following ------------------------------------------------------------------------------------------------
@@ -761,42 +753,25 @@ PARTS_OF_TABLE = ("ruling", "envelopes", "blades", "gallery", "time")
 @click.option("--json", "as_json", metavar="FILE", help="Keep the figures in FILE, beside those of other parts.")
 def main(only: str | None, face: str, motions: int, runs: int, as_json: str | None) -> None:
     """Print what optimisation must reach; exit code 1 where a figure is missed."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=TABLE_WIDTH)
-    parts: dict[str, Callable[[], tuple[list[Verdict], dict[str, Any]]]] = {
+    console = table_console()
+    parts: dict[str, Part] = {
         "time": lambda: timing(console, runs),
         "envelopes": lambda: envelopes(console, motions),
         "ruling": lambda: ruling(console),
         "blades": lambda: blades(console, face),
         "gallery": lambda: gallery(console),
     }
-    verdicts: list[Verdict] = []
-    figures: dict[str, Any] = {}
-    for name, part in parts.items():
-        if only in (None, name):
-            start = time.perf_counter()
-            asked, figures[name] = part()
-            verdicts += asked
-            console.print(f"{name}: {time.perf_counter() - start:.0f} s")
-    printed = table("Optimisation", "figure", "asked", "found", "result")
-    for verdict in verdicts:
-        printed.add_row(
-            verdict.what, verdict.asked, verdict.found, ("pass" if verdict.reached else "MISS") if verdict.asked else ""
-        )
-    console.print(printed)
+    verdicts, figures = measured(console, "Optimisation", parts, only)
     if as_json is not None:
         file = Path(as_json)
-        kept = json.loads(file.read_bytes()) if file.exists() else {}
-        figures["verdicts"] = kept.get("verdicts", {}) | {
-            verdict.what: [verdict.found, verdict.reached] for verdict in verdicts
-        }
-        if face and "blades" in figures and "blades" in kept:
+        before = json.loads(file.read_bytes()) if file.exists() else {}
+        figures["verdicts"] = before.get("verdicts", {}) | kept(verdicts)
+        if face and "blades" in figures and "blades" in before:
             # Rows of other faces stay.
             mine = {(row["face"], row["tool"]) for row in figures["blades"]["rows"]}
-            others = [row for row in kept["blades"]["rows"] if (row["face"], row["tool"]) not in mine]
+            others = [row for row in before["blades"]["rows"] if (row["face"], row["tool"]) not in mine]
             figures["blades"]["rows"] = sorted(others + figures["blades"]["rows"], key=lambda r: (r["face"], r["tool"]))
-        file.write_text(json.dumps(kept | figures, indent=1) + "\n", encoding="utf-8")
+        file.write_text(json.dumps(before | figures, indent=1) + "\n", encoding="utf-8")
     raise SystemExit(0 if all(verdict.reached for verdict in verdicts) else 1)
 
 
