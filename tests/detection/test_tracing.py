@@ -211,7 +211,7 @@ def test_a_line_met_on_the_way_of_another_is_not_followed_again() -> None:
     traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, Limits(0.01, 0.01))
     assert len(traced.sequences) == WAVE
     # A line that stands a millimetre higher is another sweep.
-    higher = replace(seeds, p=np.where(np.arange(count)[:, None] % 2 == 0, p, p + [0.0, 0.0, 1.0]))
+    higher = replace(seeds, p=np.where(np.arange(count)[:, None] % 2 == 0, p, p + np.array([0.0, 0.0, 1.0])))
     both = trace(face, CYLINDER, higher, face.samples(1.0), screen, Limits(0.01, 0.01))
     assert {round(float(s.p[0, 2])) for s in both.sequences} == {-1, 0}
 
