@@ -198,7 +198,8 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.gauss_newton", "OFF_FACE", "weight of samples off the face"),
     ("optimization.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
     ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
-    ("optimization", "REFINED", "sweeps of a face and tool that are refined and grown, about"),
+    ("optimization", "REFINED", "sweeps of a face and tool that are refined, about"),
+    ("optimization", "GROWN", "sweeps of those that are grown, about"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
     (
         "optimization.task",
