@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 from postprocessors.errors import PostError
-from postprocessors.heidenhain.conversational import ProgramOptions, rotary_tolerance, write_program
-from postprocessors.machines.machine import load_machine
+from postprocessors.heidenhain.control import rotary_tolerance
+from postprocessors.heidenhain.conversational import write_conversational
+from postprocessors.machines.machine import Machine, load_machine
+from postprocessors.post import ProgramOptions
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
+
+
+def write_program(path: ToolPath, machine: Machine, options: ProgramOptions) -> str:
+    (program,) = write_conversational(path, machine, options)
+    assert program.name == path.name
+    return program.text
+
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 OPTIONS = ProgramOptions(version="0.1.0")

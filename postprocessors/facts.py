@@ -1,0 +1,51 @@
+"""What a program states about itself, for whoever reads it independently; every post wraps it in its own comments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from postprocessors.machines.machine import Machine
+from postprocessors.post import ProgramOptions
+from postprocessors.toolpath import Cutter, ToolPath
+
+DECIMALS = 4
+"""Of lengths."""
+
+
+def facts(path: ToolPath, machine: Machine, options: ProgramOptions, width: int) -> Iterator[str]:
+    """The facts, one a line; a long list of faces takes lines of up to `width` characters, each of the same form."""
+    yield f"CONFLANK {plain(options.version)}"
+    part, faces = plain(path.part), list(path.faces)
+    while True:
+        room = width - len(f"PART {part} FACE ")
+        text, count = str(faces[0]), 1
+        while count < len(faces) and len(text) + 1 + len(str(faces[count])) <= room:
+            text += f",{faces[count]}"
+            count += 1
+        yield f"PART {part} FACE {text}"
+        faces = faces[count:]
+        if not faces:
+            break
+    for cutter in cutters(path):
+        cone = f"R_MIN {short(cutter.r_min)} R_MAX {short(cutter.r_max)} LENGTH {short(cutter.length)}"
+        yield f"TOOL {cutter.number} {plain(cutter.name)} {cone}"
+    yield "REFERENCE TIP"
+    yield f"MACHINE {plain(machine.name)}"
+    yield f"STYLE {options.style}"
+    yield f"FRAME {path.frame}"
+
+
+def cutters(path: ToolPath) -> list[Cutter]:
+    """The tools in order of first use, each once."""
+    return list(dict.fromkeys(operation.cutter for operation in path.operations))
+
+
+def plain(text: str) -> str:
+    """Text that is safe in a comment: one word of printable ASCII (a tilde would continue a block)."""
+    return re.sub(r"[^!-}]", "_", text)[:40] or "_"
+
+
+def short(value: float, decimals: int = DECIMALS) -> str:
+    """A positive number without trailing zeros."""
+    return f"{value:.{decimals}f}".rstrip("0").rstrip(".")
