@@ -242,12 +242,20 @@ class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Program(Struct, frozen=True, forbid_unknown_fields=True):
-    """The program: name on the control, format, style, datum number, cutting direction, retracts, coolant."""
+    """The program: name on the control, format, style, split, datum, cutting direction, retracts, coolant.
+
+    format is that of an installed post, style one of its styles (unset: its first), options are of the post's own.
+    datum is the number of a preset, or a shift (x, y, z) of the datum. tool_numbers are numbers on the machine by name
+    of tool; empty: those of the tools' definitions.
+    """
 
     name: ProgramName = "BLADE1"
-    format: Literal["h", "i", "apt"] = "h"
-    style: Literal["tcpm", "m128", "ln"] = "tcpm"
-    datum: Index = 1
+    format: Annotated[str, _SOME] = "h"
+    style: str | None = None
+    split: Literal["none", "sweep", "tool"] = "none"
+    datum: Index | tuple[float, float, float] = 1
+    tool_numbers: dict[str, Annotated[int, _TOOL_NUMBER]] = {}
+    options: dict[str, str] = {}
     cutting: Literal["climb", "conventional", "both"] = "climb"
     safe: Safe = Safe()
     coolant: Literal["M7", "M8", "none"] = "M8"
@@ -295,8 +303,6 @@ NOT_YET: tuple[NotYet, ...] = (
     NotYet("[selection] objective", lambda job: _unless(job.selection.objective, "sweeps"), '"sweeps"'),
     NotYet("[obstacles] meshes", lambda job: _unless(list(job.obstacles.meshes), []), "[]"),
     NotYet("[setup] copies.only", lambda job: _unless(list(job.setup.copies.order), [0]), "[0], the part itself"),
-    NotYet("[program] format", lambda job: _unless(job.program.format, "h"), '"h"'),
-    NotYet("[program] style", lambda job: _unless(job.program.style, "tcpm"), '"tcpm"'),
     NotYet(
         "[program] cutting",
         lambda job: None if job.program.cutting != "both" else repr(job.program.cutting),
@@ -606,6 +612,7 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
         )
     if not copies.order:
         raise InputError(f"{where}: [setup] copies.only", "[]", "at least one copy", "Leave it out for all copies.")
+    _check_tool_numbers(job, where)
     if "name" in machine and "file" in machine:
         raise InputError(
             f"{where}: [machine]", "both name and file", "one of them", "Remove name to use your own machine file."
@@ -618,6 +625,32 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
                 found,
                 f"{capability.off} (this version of conflank can do no other)",
                 "Leave the key out.",
+            )
+
+
+def _check_tool_numbers(job: Job, where: str) -> None:
+    """Where the machine's tools are listed, every tool in use must be among them, under a number of its own."""
+    numbers, place = job.program.tool_numbers, f"{where}: [program] tool_numbers"
+    if not numbers:
+        return
+    for name in job.tools.use:
+        if name not in numbers:
+            raise InputError(
+                place, f"no number for {name}, which [tools] use names", "one for every tool in use", "Add it."
+            )
+    for name in numbers:
+        if name not in job.tools.use:
+            raise InputError(
+                place,
+                repr(name),
+                "tools of [tools] use: " + ", ".join(job.tools.use),
+                "Remove it, or correct the name.",
+            )
+    for name, number in numbers.items():
+        others = [other for other in numbers if other != name and numbers[other] == number]
+        if others:
+            raise InputError(
+                place, f"number {number} for {name} and {others[0]}", "one number for each tool", "Correct one of them."
             )
 
 

@@ -7,27 +7,26 @@ plane of r_max, stays within `CHORD_TOLERANCE` of the exact motion either way.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from importlib.metadata import version
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.errors import InputError, NumericalError
+from conflank_cli.formats import post_of, program_options
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
-from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, machine_of
 from conflank_cli.motion import Motion
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
-from postprocessors.heidenhain.conversational import ProgramOptions, write_program
 from postprocessors.kinematics.two_rotary import Run, choose_words, forward
 from postprocessors.machines.machine import Machine
+from postprocessors.post import ProgramFile
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
 
 Array = npt.NDArray[np.float64]
@@ -98,32 +97,43 @@ class Ride:
 # --- the job's program ----------------------------------------------------------------------------------------------
 
 
-def program_options(job: Job) -> ProgramOptions:
-    """How the job wants its program written."""
-    program = job.program
-    return ProgramOptions(
-        version=version("conflank"),
-        style=program.style,
-        datum=program.datum,
-        coolant=program.coolant,
-        tolerance_mm=program.cycle32.t,
-        tolerance_deg=program.cycle32.ta,
-    )
-
-
 def post_program(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[str, ToolPath]:
-    """The text of the program that the scene's job asks for, and the tool path behind it.
+    """The text of the program to run, and the tool path behind it.
 
     Raises
     ------
     InputError: the control or the machine could not execute it.
     """
+    (program, *_), path = post_programs(scene, sweeps)
+    return program.text, path
+
+
+def post_programs(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[tuple[ProgramFile, ...], ToolPath]:
+    """The programs that the scene's job asks for, the one to run first, and the tool path behind them.
+
+    Raises
+    ------
+    InputError: the control or the machine could not execute it.
+    """
+    job = scene.job
+    post = post_of(job)
     try:
-        machine = machine_of(scene.job)
-        path = plan_to_toolpath(scene, sweeps, machine)
-        return write_program(path, machine, program_options(scene.job)), path
+        machine = machine_of(job)
+        path = _numbered(plan_to_toolpath(scene, sweeps, machine), job.program.tool_numbers)
+        return post.write(path, machine, program_options(job, post)), path
     except PostError as error:
         raise InputError(error.where, error.found, error.expected, error.next_step) from error
+
+
+def _numbered(path: ToolPath, numbers: Mapping[str, int]) -> ToolPath:
+    """The path with the numbers that the machine has its tools under, where they are given."""
+    if not numbers:
+        return path
+    operations = tuple(
+        replace(operation, cutter=replace(operation.cutter, number=numbers[operation.cutter.name]))
+        for operation in path.operations
+    )
+    return replace(path, operations=operations)
 
 
 def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) -> ToolPath:

@@ -11,6 +11,9 @@ from postprocessors.toolpath import Cutter, ToolPath
 
 DECIMALS = 4
 """Of lengths."""
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_USUAL = ((("C", *_Z), ("A", *_X)), (("C", *_Z), ("B", *_Y)), (("A", *_X), ("B", *_Y)))
+"""Pairs whose letters say all: tables and heads in ISO sense."""
 
 
 def facts(path: ToolPath, machine: Machine, options: ProgramOptions, width: int) -> Iterator[str]:
@@ -32,8 +35,19 @@ def facts(path: ToolPath, machine: Machine, options: ProgramOptions, width: int)
         yield f"TOOL {cutter.number} {plain(cutter.name)} {cone}"
     yield "REFERENCE TIP"
     yield f"MACHINE {plain(machine.name)}"
+    yield from _rotary(machine)
     yield f"STYLE {options.style}"
     yield f"FRAME {path.frame}"
+
+
+def _rotary(machine: Machine) -> Iterator[str]:
+    """Directions of the rotary axes, in the order of t = R(first) R(second) z, unless their letters tell them."""
+    axes = [
+        (rotary.letter, *(float(value) + 0.0 for value in rotary.sign * rotary.direction)) for rotary in machine.rotary
+    ]
+    if tuple(axes) not in _USUAL:
+        for letter, *direction in axes:
+            yield f"ROTARY {letter} " + " ".join(f"{value:.12g}" for value in direction)
 
 
 def cutters(path: ToolPath) -> list[Cutter]:

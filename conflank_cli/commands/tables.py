@@ -70,7 +70,8 @@ def _where(place: Place | None) -> str:
     if place is None:
         return ""
     face = f"face {place.face}" if place.face >= 0 else "an obstacle"
-    return f", {face}" + ("" if place.block is None else f", block {place.block}")
+    program = "" if place.program is None else f" of {place.program}"
+    return f", {face}" + ("" if place.block is None else f", block {place.block}{program}")
 
 
 def _cut_row(kind: str, cut: CutFigures) -> tuple[object, ...]:

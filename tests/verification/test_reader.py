@@ -7,9 +7,10 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 import pytest
 
+from conflank_cli.verification.conversational import split_blocks
 from conflank_cli.verification.kinematics import axis_of
 from conflank_cli.verification.program import CutLabel, Interpolation, StatedTool
-from conflank_cli.verification.reader import read_program, split_blocks
+from conflank_cli.verification.reader import read_program
 from tests.verification.scenes import TCPM, program
 
 
