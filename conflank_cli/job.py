@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -244,14 +245,14 @@ class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):
 class Program(Struct, frozen=True, forbid_unknown_fields=True):
     """The program: name on the control, format, style, split, datum, cutting direction, retracts, coolant.
 
-    format is that of an installed post, style one of its styles (unset: its first), options are of the post's own.
+    format is that of an installed post, style one of its styles (None: its first), options are of the post's own.
     datum is the number of a preset, or a shift (x, y, z) of the datum. tool_numbers are numbers on the machine by name
     of tool; empty: those of the tools' definitions.
     """
 
     name: ProgramName = "BLADE1"
     format: Annotated[str, _SOME] = "h"
-    style: str | None = None
+    style: str | None = "tcpm"
     split: Literal["none", "sweep", "tool"] = "none"
     datum: Index | tuple[float, float, float] = 1
     tool_numbers: dict[str, Annotated[int, _TOOL_NUMBER]] = {}
@@ -345,6 +346,10 @@ def parse_job(data: bytes, where: str, folder: Path) -> Job:
     job = _convert(tables, where)
     _check_limits(job, Job, where, ())
     _check_meaning(job, where, machine if isinstance(machine, dict) else {})
+    program = tables.get("program", {})
+    if "format" in program and "style" not in program:
+        # Each format has styles of its own.
+        job = msgspec.structs.replace(job, program=msgspec.structs.replace(job.program, style=None))
     if job.machine.file is not None:
         job = msgspec.structs.replace(job, machine=_embed_machine(job.machine.file, where, folder))
     return job
@@ -503,7 +508,12 @@ def _schema_error(message: str, value: Any, kind: Any, where: str, prefix: Keys)
     """Translate `Expected ..., got ... - at `$.a.b[0]``."""
     reason, _, path = message.partition(" - at `$")
     keys: list[str | int] = []
+    each = ""
     for token in path.rstrip("`").replace("[", ".[").split("."):
+        if token == "[":
+            # Some value of a table whose keys are the user's own: which one, msgspec does not say.
+            each = " for every key"
+            break
         if token.startswith("["):
             keys.append(int(token.strip("[]")))
         elif token:
@@ -517,7 +527,7 @@ def _schema_error(message: str, value: Any, kind: Any, where: str, prefix: Keys)
     for key in keys:
         found = found[key]
         hint = _step(hint, key)
-    return _out_of_limits(found, _expectation(reason, hint), where, (*prefix, *keys))
+    return _out_of_limits(found, _expectation(reason, hint) + each, where, (*prefix, *keys))
 
 
 def _step(kind: object, key: str | int) -> Any:
@@ -612,6 +622,14 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
         )
     if not copies.order:
         raise InputError(f"{where}: [setup] copies.only", "[]", "at least one copy", "Leave it out for all copies.")
+    formats = sorted({entry.name for entry in entry_points(group="conflank.postprocessors")})
+    if job.program.format not in formats:
+        raise InputError(
+            f"{where}: [program] format",
+            repr(job.program.format),
+            "one of " + ", ".join(repr(name) for name in formats),
+            "Name one of these, or install the package that brings its post.",
+        )
     _check_tool_numbers(job, where)
     if "name" in machine and "file" in machine:
         raise InputError(

@@ -21,9 +21,9 @@ from conflank_cli.verification.program import (
 )
 from conflank_cli.verification.words import INCH
 
-_HARMLESS = set(
+_HARMLESS = (
     "PARTNO PPRINT MACHIN CUTTER SPINDL COOLNT INTOL OUTTOL TOLER NOPOST CLPRNT REMARK LEADER SEQNO STOP OPSTOP DELAY "
-    "SELCTL SELECT DISPLY CLEARP HEAD MODE".split()
+    "SELCTL SELECT DISPLY CLEARP HEAD MODE"
 )
 """Words that do not move the cutter."""
 _NUMBERS = re.compile(rf"\s*{NUMBER}(?:[EeDd][+-]?\d+)?\s*")
@@ -170,7 +170,7 @@ class _Reading:
         elif major == "CUTCOM":
             return minor[0] == "OFF"
         else:
-            return major in _HARMLESS
+            return major in _HARMLESS.split()
         return True
 
     def feed(self, minor: list[str], block: int) -> None:
