@@ -14,13 +14,15 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby
+from typing import NamedTuple
 
 from postprocessors.facts import facts
 from postprocessors.heidenhain.control import BLOCK_LIMIT, DECIMALS, check_name, check_program, check_text
 from postprocessors.heidenhain.rides import Ride, rides_of
 from postprocessors.machines.machine import Machine
 from postprocessors.post import Post, ProgramFile, ProgramOptions, check_options, own_option
-from postprocessors.toolpath import Cutter, Operation, ToolPath
+from postprocessors.toolpath import Cutter, ToolPath
 
 _COMMENT = "; "
 _NUMBER_SPACE = 12
@@ -102,35 +104,46 @@ def write_programs(
     """The program of a path, or the one that calls its parts, and the parts."""
     check_options(dialect.post, options)
     check_program(path, options)
-    if options.split == "none":
-        return (ProgramFile(path.name, _program(path, machine, options, dialect, called=False)),)
-    operations = [
-        replace(operation, stretches=tuple(stretch for stretch in operation.stretches if cut in (None, stretch.cut)))
-        for operation in path.operations
-        for cut in (
-            dict.fromkeys(stretch.cut for stretch in operation.stretches) if options.split == "sweep" else (None,)
-        )
+    # Chosen over the whole program, however it is split.
+    work = [
+        _Work(operation.cutter, rides)
+        for operation, rides in zip(path.operations, rides_of(path, machine, options), strict=True)
     ]
-    digits = len(str(len(operations)))
-    names = [f"{path.name}_{number:0{digits}d}" for number in range(1, len(operations) + 1)]
+    if options.split == "none":
+        return (ProgramFile(path.name, _program(path, work, machine, options, dialect, called=False)),)
+    if options.split == "sweep":
+        work = [
+            _Work(cutter, list(rides))
+            for cutter, several in work
+            for _, rides in groupby(several, key=lambda ride: ride.stretches[0].cut)
+        ]
+    digits = len(str(len(work)))
+    names = [f"{path.name}_{number:0{digits}d}" for number in range(1, len(work) + 1)]
     for name in names:
         check_name(name)
-    parts = [
-        ProgramFile(
-            name, _program(replace(path, name=name, operations=(operation,)), machine, options, dialect, called=True)
-        )
-        for name, operation in zip(names, operations, strict=True)
-    ]
+    parts = []
+    for name, piece in zip(names, work, strict=True):
+        operations = tuple(operation for operation in path.operations if operation.cutter == piece.cutter)
+        part = replace(path, name=name, operations=operations)
+        parts.append(ProgramFile(name, _program(part, [piece], machine, options, dialect, called=True)))
     blocks = [*dialect.opening(path), *_facts(path, machine, options), *(f"{dialect.call} {name}" for name in names)]
     return ProgramFile(path.name, _text([*blocks, "M30", dialect.closing(path)], options, dialect)), *parts
 
 
-def _program(path: ToolPath, machine: Machine, options: ProgramOptions, dialect: Dialect, called: bool) -> str:
+class _Work(NamedTuple):
+    """One tool, and what it rides."""
+
+    cutter: Cutter
+    rides: list[Ride]
+
+
+def _program(
+    path: ToolPath, work: list[_Work], machine: Machine, options: ProgramOptions, dialect: Dialect, called: bool
+) -> str:
     """One program; one that is `called` does not end the one that calls it."""
     blocks = [*dialect.opening(path), *_facts(path, machine, options)]
-    operations = zip(path.operations, rides_of(path, machine, options), strict=True)
-    for index, (operation, rides) in enumerate(operations):
-        blocks += _tool(operation, machine, options, dialect, first=index == 0)
+    for index, (cutter, rides) in enumerate(work):
+        blocks += _tool(cutter, machine, options, dialect, first=index == 0)
         for number, ride in enumerate(rides):
             blocks += _ride(ride, machine, options, dialect, first=number == 0)
         if options.coolant != "none":
@@ -158,15 +171,13 @@ def _text(blocks: list[str], options: ProgramOptions, dialect: Dialect) -> str:
     return "\r\n".join(lines) + "\r\n"
 
 
-def _tool(
-    operation: Operation, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool
-) -> Iterator[str]:
-    yield dialect.tool_call(operation.cutter)
+def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
+    yield dialect.tool_call(cutter)
     yield dialect.off
     yield "PLANE RESET STAY"
     if first:
         yield from dialect.datum(options)
-    yield from dialect.tolerance(options, operation.cutter)
+    yield from dialect.tolerance(options, cutter)
     yield dialect.retract(machine)
     if first:
         # M126 takes the shorter way where a display is reduced to 0 .. 360; counted turns must be taken as written.
