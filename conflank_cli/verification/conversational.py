@@ -226,8 +226,8 @@ class _Reading(Control):
         if name is None or blocks is None:
             reason = "is not followed" if name is None else f"is not followed: there is no {name} beside the program"
             self.recorder.find("CF102", f"{text} {reason}", block)
-            # Wherever the tool goes there, nothing that comes after is known.
-            self.recorder.move(dict.fromkeys("XYZ"), None, False, block)
+            # Wherever the axes go there, nothing that comes after is known.
+            self.recorder.move(dict.fromkeys("XYZABC"), None, False, block)
             return
         if len(self.running) >= DEEPEST or name in self.running:
             self.recorder.find("CF102", f"{text} is not followed: the programs call each other in a circle", block)

@@ -136,7 +136,8 @@ class _Reading(Control):
             self.unit = INCH if found[2] == "0" else 1.0
         elif text.startswith("%") or re.match(r"L\s*\d", text):
             find("CF102", f"call {text[:60]} is not followed", block)
-            self.recorder.move(dict.fromkeys("XYZ"), None, False, block)
+            # Wherever the axes go there, nothing that comes after is known.
+            self.recorder.move(dict.fromkeys("XYZABC"), None, False, block)
         elif text.startswith("PLANE RESET"):
             self.recorder.foreign_frame = ""
         elif text.startswith("PLANE"):
