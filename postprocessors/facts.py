@@ -47,7 +47,7 @@ def _rotary(machine: Machine) -> Iterator[str]:
     ]
     if tuple(axes) not in _USUAL:
         for letter, *direction in axes:
-            yield f"ROTARY {letter} " + " ".join(f"{value:.12g}" for value in direction)
+            yield f"ROTARY {letter} " + " ".join(short(round(value, 12) + 0.0, 12) for value in direction)
 
 
 def cutters(path: ToolPath) -> list[Cutter]:
@@ -61,5 +61,5 @@ def plain(text: str) -> str:
 
 
 def short(value: float, decimals: int = DECIMALS) -> str:
-    """A positive number without trailing zeros."""
+    """A number without trailing zeros."""
     return f"{value:.{decimals}f}".rstrip("0").rstrip(".")
