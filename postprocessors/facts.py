@@ -11,8 +11,8 @@ from postprocessors.toolpath import Cutter, ToolPath
 
 DECIMALS = 4
 """Of lengths."""
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_USUAL = ((("C", *_Z), ("A", *_X)), (("C", *_Z), ("B", *_Y)), (("A", *_X), ("B", *_Y)))
+_X, _Y, _Z = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
+_USUAL = {"CA": [_Z, _X], "CB": [_Z, _Y], "AB": [_X, _Y]}
 """Pairs whose letters say all: tables and heads in ISO sense."""
 
 
@@ -42,11 +42,10 @@ def facts(path: ToolPath, machine: Machine, options: ProgramOptions, width: int)
 
 def _rotary(machine: Machine) -> Iterator[str]:
     """Directions of the rotary axes, in the order of t = R(first) R(second) z, unless their letters tell them."""
-    axes = [
-        (rotary.letter, *(float(value) + 0.0 for value in rotary.sign * rotary.direction)) for rotary in machine.rotary
-    ]
-    if tuple(axes) not in _USUAL:
-        for letter, *direction in axes:
+    letters = "".join(rotary.letter for rotary in machine.rotary)
+    directions = [[float(value) for value in rotary.sign * rotary.direction] for rotary in machine.rotary]
+    if _USUAL.get(letters) != directions:
+        for letter, direction in zip(letters, directions, strict=True):
             yield f"ROTARY {letter} " + " ".join(short(round(value, 12) + 0.0, 12) for value in direction)
 
 

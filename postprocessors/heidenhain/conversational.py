@@ -14,9 +14,10 @@ from postprocessors.heidenhain.control import rotary_tolerance
 from postprocessors.heidenhain.program import Dialect, rotary_words, signed, vector_words, write_programs
 from postprocessors.heidenhain.rides import Ride
 from postprocessors.machines.machine import Machine
-from postprocessors.post import Post, ProgramFile, ProgramOptions
-from postprocessors.toolpath import Cutter, ToolPath
+from postprocessors.post import Post, ProgramFile, ProgramOptions, own_option
+from postprocessors.toolpath import Cutter, Purpose, ToolPath
 
+_CUTS = (Purpose.SWEEP, Purpose.PASS)
 _TCPM = ("FUNCTION TCPM F TCP AXIS POS PATHCTRL VECTOR", "FUNCTION RESET TCPM")
 _SWITCHES = {"tcpm": _TCPM, "m128": ("M128", "M129"), "ln": _TCPM}
 
@@ -34,7 +35,7 @@ def write_conversational(path: ToolPath, machine: Machine, options: ProgramOptio
     ------
     PostError: anything the control or the machine could not execute; nothing is written then.
     """
-    return write_programs(path, machine, options, Conversational(options.style))
+    return write_programs(path, machine, options, Conversational(options))
 
 
 POST = Post(
@@ -42,7 +43,7 @@ POST = Post(
     styles=tuple(_SWITCHES),
     write=write_conversational,
     splits=("none", "sweep", "tool"),
-    own={"decimal": "point"},
+    own={"decimal": "point", "structure": "off"},
 )
 
 
@@ -52,9 +53,17 @@ class Conversational(Dialect):
     post = POST
     call = "CALL PGM"
 
-    def __init__(self, style: str) -> None:
-        self.on, self.off = _SWITCHES.get(style, _TCPM)
-        self.vectors = style == "ln"
+    def __init__(self, options: ProgramOptions) -> None:
+        # What is wrong with the options is said when the program is written.
+        self.on, self.off = _SWITCHES.get(options.style, _TCPM)
+        self.vectors = options.style == "ln"
+        self.structured = own_option(POST, options, "structure", "off", "on") == "on"
+
+    def structure(self, ride: Ride) -> Iterator[str]:
+        """A structure block."""
+        if self.structured:
+            stretch = next((each for each in ride.stretches if each.purpose in _CUTS), ride.stretches[0])
+            yield f"* - {stretch.purpose.name} {stretch.cut}"
 
     def opening(self, path: ToolPath) -> Iterator[str]:
         """Name and blank."""

@@ -69,6 +69,10 @@ class Dialect(ABC):
     def retract(self, machine: Machine) -> str:
         """As far up as the machine goes."""
 
+    def structure(self, ride: Ride) -> Iterator[str]:
+        """What the control's list of contents shows of a ride, if anything."""
+        return iter(())
+
     @abstractmethod
     def turn(self, words: str, start: bool) -> str:
         """Rotary axes to their places; `start` the spindle as well."""
@@ -187,6 +191,7 @@ def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Di
 def _ride(ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
     """From the retracted position and back to it."""
     poses = dialect.poses(ride)
+    yield from dialect.structure(ride)
     a, c = ride.turns[0]
     yield dialect.turn(f"{ride.letters[0]}{a:+.{DECIMALS}f} {ride.letters[1]}{c:+.{DECIMALS}f}", start=first)
     yield dialect.on

@@ -1,12 +1,15 @@
 """Posts are found by their entry points, whoever installed them."""
 
+import re
 import sys
 from pathlib import Path
 
 import pytest
 
 from postprocessors.errors import PostError
-from postprocessors.post import Post, post_named, post_names
+from postprocessors.machines.machine import load_machine
+from postprocessors.post import Post, ProgramOptions, post_named, post_names
+from tests.postprocessors.heidenhain.test_conversational import small_path
 
 MODULE = """
 from postprocessors.post import Post, ProgramFile
@@ -51,3 +54,17 @@ def test_a_post_that_does_not_work_is_named(name: str, found: str) -> None:
         post_named(name)
     assert caught.value.where == "[program] format"
     assert found in caught.value.found
+
+
+def test_the_post_of_the_docs_works() -> None:
+    text = (Path(__file__).parent.parent.parent / "docs" / "posts.md").read_text("utf-8")
+    found = re.search(r"```python\n(.*?)```", text, re.DOTALL)
+    assert found is not None
+    space: dict[str, object] = {}
+    exec(found[1], space)
+    post = space["POST"]
+    assert isinstance(post, Post)
+    (program,) = post.write(small_path(), load_machine("ac-table"), ProgramOptions("0", style="plain"))
+    assert program.text.split("\r\n")[0] == "0.2182 24.9990 43.3013"
+    with pytest.raises(PostError, match="style"):
+        post.write(small_path(), load_machine("ac-table"), ProgramOptions("0", style="ln"))
