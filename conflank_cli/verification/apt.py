@@ -23,7 +23,7 @@ from conflank_cli.verification.words import INCH
 
 _HARMLESS = (
     "PARTNO PPRINT MACHIN CUTTER SPINDL COOLNT INTOL OUTTOL TOLER NOPOST CLPRNT REMARK LEADER SEQNO STOP OPSTOP DELAY "
-    "SELCTL SELECT DISPLY CLEARP HEAD MODE"
+    "SELCTL SELECT DISPLY CLEARP TPRINT"
 )
 """Words that do not move the cutter."""
 _NUMBERS = re.compile(rf"\s*{NUMBER}(?:[EeDd][+-]?\d+)?\s*")
@@ -93,7 +93,7 @@ class _Reading:
         self.axis: Vector = (0.0, 0.0, 1.0)
         self.point: Vector | None = None
         self.name = ""
-        self.unit = 1.0
+        self.unit: float | None = None
         self.rapid = False
         self.ended = False
 
@@ -160,7 +160,7 @@ class _Reading:
         elif major == "GODLTA":
             values = _values(rest)
             if len(values) == 3 and self.point is not None:
-                x, y, z = (a + b * self.unit for a, b in zip(self.point, values, strict=True))
+                x, y, z = (a + b * self.scale(block) for a, b in zip(self.point, values, strict=True))
                 self.go((x, y, z), block)
             else:
                 recorder.find("CF105", "increment from a position that is not known", block)
@@ -182,7 +182,7 @@ class _Reading:
             self.recorder.feed = float("nan")
             self.recorder.find("CF102", f"FEDRAT/{','.join(minor)[:40]} is not followed", block)
             return
-        inches = "IPM" in words or (not set(words) & {"MMPM"} and self.unit != 1.0)
+        inches = "IPM" in words or (not set(words) & {"MMPM"} and self.unit == INCH)
         self.recorder.feed = values[0] * (INCH if inches else 1.0)
 
     def goto(self, rest: str, block: int, start: bool) -> None:
@@ -194,11 +194,19 @@ class _Reading:
             return
         if len(values) == 6:
             self.axis = (values[3], values[4], values[5])
-        point = (values[0] * self.unit, values[1] * self.unit, values[2] * self.unit)
+        unit = self.scale(block)
+        point = (values[0] * unit, values[1] * unit, values[2] * unit)
         if start:
             # Where the tool stands at the beginning: nothing is cut on the way there.
             self.rapid = True
         self.go(point, block)
+
+    def scale(self, block: int) -> float:
+        """Millimetres in a unit of the data."""
+        if self.unit is None:
+            self.unit = 1.0
+            self.recorder.find("CF102", "no UNITS before the first coordinates: read as millimetres", block)
+        return self.unit
 
     def go(self, point: Vector, block: int) -> None:
         """Move there; a rapid holds for one move."""

@@ -64,6 +64,7 @@ def test_inches() -> None:
         ("CIRCLE/0,0,0,0,0,1,5", "CF102"),
         ("CYCLE/DRILL,5", "CF102"),
         ("CUTCOM/LEFT", "CF102"),
+        ("MODE/INCR", "CF102"),
         ("TRACUT/MATRIX1", "CF102"),
         ("FEDRAT/0.1,MMPR", "CF102"),
         ("GOTO/1,2", "CF101"),
@@ -80,6 +81,12 @@ def test_what_is_not_followed_is_a_finding(statement: str, code: str) -> None:
 def test_what_is_not_followed_moves_the_tool_to_nowhere_known() -> None:
     moves = read_program(DATA.replace("TLAXIS/ 0,0,1", "CIRCLE/0,0,0,0,0,1,5")).moves
     assert moves.joined.tolist()[:3] == [False, True, False]
+
+
+def test_data_without_units_are_a_finding() -> None:
+    read = read_program(DATA.replace("UNITS/MM\n", ""))
+    assert [finding.code for finding in read.findings] == ["CF102"]
+    assert read.moves.point[0].tolist() == [10.0, 20.0, 30.0]
 
 
 def test_data_cut_off_are_a_finding() -> None:
