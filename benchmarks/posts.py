@@ -330,14 +330,16 @@ def rs274(console: Console, command: str | None, count: int) -> tuple[list[Verdi
     turned = float(np.abs(turn - 360.0 * np.round(turn / 360.0)).max())
     cutting = canonical.feed > 0.0
     # Our own feeds of these moves; the first pose of a ride is reached at rapid in both.
-    feed = np.abs(canonical.feed[cutting] / ours.feed[chosen][cutting] - 1.0).max()
+    feed = float(np.abs(canonical.feed[cutting] / ours.feed[chosen][cutting] - 1.0).max())
     console.print(f"rs274: {len(canonical.feed):,} canonical moves")
     return [
-        Verdict("canonical moves of rs274 against ours", f"{count:,}", f"{len(cutting):,}", len(cutting) == count),
+        Verdict(
+            "canonical moves of rs274 against ours", f"{count:,}", f"{len(cutting):,}", bool(len(cutting) == count)
+        ),
         Verdict("rs274: tip", "<= 0.1 µm", f"{1e3 * off:.4f} µm", off <= 1e-4),
         Verdict("rs274: rotary words", "<= 0.0001 deg", f"{turned:.6f} deg", turned <= 1e-4),
         Verdict("rs274: feed", "<= 0.1 %", f"{100.0 * feed:.5f} %", feed <= 1e-3),
-    ], {"moves": len(cutting), "tip_um": 1e3 * off, "turn_deg": turned, "feed_share": float(feed)}
+    ], {"moves": len(cutting), "tip_um": 1e3 * off, "turn_deg": turned, "feed_share": feed}
 
 
 @click.command(help=__doc__)
