@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
 
@@ -14,16 +15,19 @@ from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, machine_of
-from conflank_cli.posting.feeds import contact_feed
-from conflank_cli.posting.links import SafePlane, away_directions, clearest, hull_points, is_climb
+from conflank_cli.posting.feeds import block_feeds
+from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
+from conflank_cli.posting.mounting import axis_positions, mounting_of
 from conflank_cli.posting.ride import Ride
-from conflank_cli.posting.spacing import space_blocks, sweep_runs
+from conflank_cli.posting.spacing import legs_of, space_blocks
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
 from postprocessors.heidenhain.conversational import ProgramOptions, write_program
-from postprocessors.kinematics.two_rotary import choose_words
+from postprocessors.kinematics.travel import check_travel
+from postprocessors.kinematics.two_rotary import Run, choose_words, runs_through
+from postprocessors.kinematics.visits import visits_with_words
 from postprocessors.machines.machine import Machine
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
 
@@ -56,6 +60,7 @@ def post_program(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[str, ToolPath]:
     try:
         machine = machine_of(scene.job)
         path = plan_to_toolpath(scene, sweeps, machine)
+        check_travel(machine, visits_with_words(machine, path), mounting_of(scene.job))
         return write_program(path, machine, program_options(scene.job)), path
     except PostError as error:
         raise InputError(error.where, error.found, error.expected, error.next_step) from error
@@ -74,7 +79,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     ------
     InputError: there is no sweep, or a sweep names a tool or a face that the scene does not have.
     NumericalError: a sweep needs endlessly short blocks (it passes the machine's singular pose at an angle).
-    PostError: an orientation is out of the machine's reach.
+    PostError: an orientation is out of the machine's reach, or its axes cannot follow at any feed.
     """
     if not sweeps:
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
@@ -87,47 +92,85 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
-    rides, ends = [], []
+    pieces: list[_Piece] = []
     for number, sweep in enumerate(sweeps, start=1):
         if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
             found = f"tool {sweep.tool}, face {sweep.face}"
             raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
         ride = Ride(sweep.motion, tools[sweep.tool], frame)
-        away = away_directions(ride, projectors[sweep.face], scene.faces[sweep.face].sense)
-        if program.cutting != "both" and is_climb(ride, away) != (program.cutting == "climb"):
-            ride, away = Ride(sweep.motion, ride.tool, frame, backwards=True), away[::-1]
-        rides.append(ride)
-        ends.append((away[0], away[-1]))
-    times = space_blocks(rides, machine)
-    poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
-    words = choose_words(machine, sweep_runs(poses))
-    stretches: list[tuple[Tool, tuple[Stretch, ...]]] = []
-    for cut, (ride, (tip, axis), word, (away_in, away_out)) in enumerate(
-        zip(rides, poses, words, ends, strict=True), start=1
-    ):
-        feed = contact_feed(tip, axis, word, ride, machine)
-        plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-        inward = clearest(plane.links(tip[0], axis[0], away_in), axis[0], ride, screen)
-        outward = clearest(plane.links(tip[-1], axis[-1], away_out), axis[-1], ride, screen)[::-1]
-        slow = float(feed[0])
-        still_in, still_out = (np.repeat(axis[index][None], 3, axis=0) for index in (0, -1))
-        stretches.append(
-            (
-                ride.tool,
-                (
-                    Stretch(Purpose.APPROACH, cut, inward, still_in, np.array([0.0, 0.0, slow])),
-                    Stretch(Purpose.SWEEP, cut, tip, axis, feed),
-                    Stretch(Purpose.RETRACT, cut, outward, still_out, np.array([slow, float(feed[-1]), 0.0])),
-                ),
-            )
-        )
+        projector, sense = projectors[sweep.face], scene.faces[sweep.face].sense
+        climbs = is_climb(ride, away_directions(ride, projector, sense))
+        if program.cutting != "both" and climbs != (program.cutting == "climb"):
+            ride = replace(ride, backwards=True)
+        for leg in legs_of(ride, machine, f"sweep {number}"):
+            away = away_directions(leg, projector, sense)
+            pieces.append(_Piece(number, leg, away[0], away[-1]))
+    plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
+    stretches = _with_links(pieces, plane, screen, machine, scene.job)
     operations = tuple(
-        Operation(_cutter(tool), tuple(stretch for _, cut in group for stretch in cut))
-        for tool, group in groupby(stretches, key=lambda item: item[0])
+        Operation(_cutter(tool), tuple(stretch for _, visit in group for stretch in visit))
+        for tool, group in groupby(
+            zip((piece.ride.tool for piece in pieces), stretches, strict=True), key=lambda item: item[0]
+        )
     )
     blank_low, blank_high = _blank(low, high)
     faces = tuple(sorted({scene.faces[sweep.face].number for sweep in sweeps}))
     return ToolPath(program.name, scene.part_name, faces, frame.text, blank_low, blank_high, operations)
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """As much of a sweep as can be run without unwinding a rotary axis, and which way is off the face at its ends."""
+
+    cut: int
+    ride: Ride
+    away_in: Array
+    away_out: Array
+
+    @property
+    def label(self) -> str:
+        return f"sweep {self.cut}"
+
+
+def _with_links(
+    pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, machine: Machine, job: Job
+) -> list[tuple[Stretch, Stretch, Stretch]]:
+    """Approach, sweep and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
+    labels = [piece.label for piece in pieces]
+    times = space_blocks([piece.ride for piece in pieces], machine, labels)
+    poses = [piece.ride.poses(t) for piece, t in zip(pieces, times, strict=True)]
+    ways: list[tuple[Link, Link]] = []
+    for piece, (_, axis) in zip(pieces, poses, strict=True):
+        ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
+        inward, outward = (clearest(plane.links(ride, after, away), ride, screen) for after, away in sides)
+        if not runs_through(machine, Run(piece.label, np.vstack([inward.axis, axis, outward.axis[::-1]]))):
+            # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
+            inward, outward = (clearest(plane.straight(ride, after, away), ride, screen) for after, away in sides)
+        ways.append((inward, outward))
+    tips = [np.vstack([a.tip, tip, b.tip[::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
+    axes = [np.vstack([a.axis, axis, b.axis[::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
+    words = choose_words(machine, [Run(label, axis) for label, axis in zip(labels, axes, strict=True)])
+    stretches = []
+    for piece, (inward, outward), tip, axis, word in zip(pieces, ways, tips, axes, words, strict=True):
+        positions = axis_positions(machine, mounting_of(job), piece.ride.tool.name, tip, word)
+        # At feed from beside the face to beside it again; the safe plane is reached by rapid.
+        at = slice(1, len(tip) - 1)
+        feed = np.zeros(len(tip))
+        feed[at] = block_feeds(
+            tip[at], axis[at], positions[at], piece.ride, machine, job.program.feed, f"{piece.label} with its approach"
+        )
+        feed[1] = 0.0
+        first, last = len(inward.tip), len(tip) - len(outward.tip)
+        # The sweep begins where the approach ends; its first feed is that of its first block.
+        feed[first] = feed[first + 1]
+        stretches.append(
+            (
+                Stretch(Purpose.APPROACH, piece.cut, tip[:first], axis[:first], feed[:first]),
+                Stretch(Purpose.SWEEP, piece.cut, tip[first:last], axis[first:last], feed[first:last]),
+                Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], feed[last:]),
+            )
+        )
+    return stretches
 
 
 def _cutter(tool: Tool) -> Cutter:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from conflank_cli.errors import NumericalError
 from conflank_cli.posting.ride import Ride
-from postprocessors.kinematics.two_rotary import Run, choose_words, forward
+from postprocessors.kinematics.two_rotary import Run, choose_words, forward, legs
 from postprocessors.machines.machine import Machine
 
 Array = npt.NDArray[np.float64]
@@ -33,8 +33,10 @@ REFINEMENTS = 24
 """Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
 
 
-def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
-    """Times of the blocks of each sweep, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+def space_blocks(rides: Sequence[Ride], machine: Machine, labels: Sequence[str]) -> list[Array]:
+    """Times of the blocks of each ride, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+
+    labels (one for each ride) name them in messages.
 
     The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
     blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
@@ -44,11 +46,12 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     ------
     NumericalError: blocks get endlessly short.
     """
-    times = [_planned_times(ride, machine, f"sweep {number}") for number, ride in enumerate(rides, start=1)]
+    times = [_planned_times(ride, machine, label) for ride, label in zip(rides, labels, strict=True)]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
         # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
-        words = choose_words(machine, sweep_runs([ride.poses(t) for ride, t in zip(rides, times, strict=True)]))
+        runs = [Run(label, ride.poses(t)[1]) for ride, t, label in zip(rides, times, labels, strict=True)]
+        words = choose_words(machine, runs)
         done = True
         for index, ride in enumerate(rides):
             t = times[index]
@@ -66,14 +69,31 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     )
 
 
+def legs_of(ride: Ride, machine: Machine, label: str) -> list[Ride]:
+    """The pieces in which the machine can run through a sweep, in order: one, unless a rotary axis has to unwind.
+
+    Raises
+    ------
+    PostError: an orientation is out of the machine's reach.
+    """
+    t = _samples(ride)
+    pieces = legs(machine, Run(label, ride.poses(t)[1]))
+    return [ride.between(float(t[first]), float(t[last])) for first, last in pieces]
+
+
+def _samples(ride: Ride) -> Array:
+    """Times that stand for the whole motion."""
+    spans = len(np.unique(ride.motion.knots)) - 1
+    return np.linspace(0.0, 1.0, max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1))
+
+
 def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     """Times that load all blocks alike, with the least count for which none exceeds the tolerance (or nearly).
 
     `label` names the sweep in messages.
     """
-    spans = len(np.unique(ride.motion.knots)) - 1
-    count = max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1)
-    t = np.linspace(0.0, 1.0, count)
+    t = _samples(ride)
+    count = len(t)
     tip, axis = ride.poses(t)
     words = choose_words(machine, [Run(label, axis)])[0]
     width = 2.0 / (count - 1)
@@ -95,11 +115,6 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
             break
         blocks = max(blocks + 1, int(np.ceil(blocks * np.sqrt(worst))))
     return np.asarray(times)
-
-
-def sweep_runs(poses: Sequence[tuple[Array, Array]]) -> list[Run]:
-    """The sweeps as runs of poses, named by number for messages."""
-    return [Run(f"sweep {number}", axis) for number, (_, axis) in enumerate(poses, start=1)]
 
 
 def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:
