@@ -20,12 +20,14 @@ def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
     """
     from conflank_cli.artifacts import read_artifact
     from conflank_cli.commands.inputs import override
+    from conflank_cli.commands.tables import prediction
     from conflank_cli.output import check_output, write_output
-    from conflank_cli.posting import post_program
+    from conflank_cli.posting import post_program, summarize
 
     check_output(output, [source])
     scene, sweeps, _ = read_artifact(source, "plan")
     scene = override(scene, "post", job_file, talk)
     with talk.timed("post"):
-        text, _ = post_program(scene, sweeps)
+        text, path = post_program(scene, sweeps)
     write_output(text, output, [source])
+    talk.note(prediction(summarize(scene.job, path)))

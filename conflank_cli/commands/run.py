@@ -29,11 +29,11 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
     from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
-    from conflank_cli.commands.tables import judgement
+    from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_output, write_output
-    from conflank_cli.posting import post_program
+    from conflank_cli.posting import post_program, summarize
 
     start = time.perf_counter()
     job, folder = read_job(job_file)
@@ -54,7 +54,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary = run_select(scene, motions, talk)
     with talk.timed("post"):
-        text, _ = post_program(scene, plan)
+        text, path = post_program(scene, plan)
     verification = run_verify(text.encode("ascii"), program, scene, talk)
 
     contents: tuple[bytes | str, ...] = (
@@ -72,6 +72,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         write_output(content, out / name, inputs)
 
     talk.note(judgement(verification))
+    talk.note(facts_of(summarize(scene.job, path)))
     talk.note(f"program       {out / program}\ncomputed in   {time.perf_counter() - start:.1f} s")
     if as_json:
         summary = {"files": [str(out / name) for name in names], "verification": verification}

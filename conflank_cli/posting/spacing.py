@@ -19,6 +19,8 @@ from postprocessors.machines.machine import Machine
 
 Array = npt.NDArray[np.float64]
 
+POSTED_WITHIN = 5e-4
+"""mm, what posting may cost in all."""
 CHORD_TOLERANCE = 3e-4
 """mm. With rounding to four decimals (0.09 µm of the tip, 0.06 µm by both angles at 50 mm) the posted axis stays within
 the 0.5 µm that posting may cost."""

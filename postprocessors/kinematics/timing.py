@@ -23,11 +23,6 @@ from postprocessors.machines.machine import Limits, Machine
 
 Array = npt.NDArray[np.float64]
 
-FOLLOWED = 1.001
-"""Share of an acceleration above 1 at which spreading the time of blocks ends."""
-SPREADS = 60
-"""Rounds of giving more time to blocks that ask too much of an axis; each takes most of the excess away."""
-
 
 class Profile(NamedTuple):
     """How a path of N blocks is run, from rest to rest.
@@ -64,22 +59,17 @@ def least_seconds(machine: Machine, axes: Array) -> Array:
 
 
 def spread_seconds(axes: Array, seconds: Array, limits: Limits) -> Array:
-    """Times of N blocks between axis positions (N + 1, 5), at least those given, so that no axis accelerates too hard.
+    """Times of N blocks between axis positions (N + 1, 5), at least those given, so that no axis turns off too hard.
 
     Between the middles of two blocks an axis changes from the mean speed of one to that of the other. Where that is
-    more than it can, both blocks get more time.
+    more than it can, both blocks get so much more time that at the same ratio of their speeds it would do. How the
+    control brakes from faster blocks to these is its own affair, and `profile`'s.
     """
-    steps = np.diff(axes, axis=0)
-    seconds = seconds.copy()
-    for _ in range(SPREADS):
-        speed = steps / seconds[:, None]
-        apart = 0.5 * (seconds[1:] + seconds[:-1])
-        excess = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / apart
-        if excess.max(initial=0.0) <= FOLLOWED:
-            break
-        factor = np.sqrt(np.maximum(excess, 1.0))
-        seconds *= np.maximum(np.concatenate([factor, [1.0]]), np.concatenate([[1.0], factor]))
-    return seconds
+    speed = np.diff(axes, axis=0) / seconds[:, None]
+    apart = 0.5 * (seconds[1:] + seconds[:-1])
+    excess = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / apart
+    factor = np.sqrt(np.maximum(excess, 1.0))
+    return np.asarray(seconds * np.maximum(np.concatenate([factor, [1.0]]), np.concatenate([[1.0], factor])))
 
 
 def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:

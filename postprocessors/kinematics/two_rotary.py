@@ -140,6 +140,17 @@ def within_range(machine: Machine, axis: Array) -> Flags:
     return found
 
 
+def tilt_all_round(machine: Machine) -> int:
+    """Largest tilt of the tool off the spindle direction, whole degrees, up to which every orientation is in range."""
+    azimuth = np.radians(np.arange(360.0))
+    for tilt in range(181):
+        sine, cosine = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
+        axis = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(360, cosine)], axis=1)
+        if not within_range(machine, axis).all():
+            return tilt - 1
+    return 180
+
+
 def _hold(angle: Array, singular: Flags) -> Array:
     """Angle (N,) with the values at singular poses taken from the pose before, or after where none is before."""
     if not singular.any():
