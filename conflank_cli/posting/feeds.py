@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from conflank_cli.posting.ride import Ride
 from postprocessors.errors import PostError
-from postprocessors.kinematics.timing import least_seconds, spread_seconds
+from postprocessors.kinematics.timing import followed_seconds, least_seconds
 from postprocessors.machines.machine import Machine
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +45,7 @@ def block_feeds(tip: Array, axis: Array, axes: Array, ride: Ride, machine: Machi
         fastest = np.maximum(low, np.linalg.norm(np.diff(tip + ride.reach * axis, axis=0), axis=1))
     least = least_seconds(machine, axes)
     seconds = np.maximum(np.maximum(fastest / wanted, 60.0 * low / machine.max_feed_mm_min), least)
-    seconds = spread_seconds(axes, seconds, machine.limits)
+    seconds = followed_seconds(axes, seconds, machine.limits)
     # The control sees the printed coordinates; where the tip hardly moves, rounding them changes its way.
     printed = np.linalg.norm(np.diff(np.round(tip / PRINTED), axis=0), axis=1) * PRINTED
     # Rounded to whole numbers a feed may pass what is wanted, but not what an axis or the control can do.

@@ -147,27 +147,28 @@ def _with_links(
             # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
             inward, outward = (clearest(plane.straight(ride, after, away), ride, screen) for after, away in sides)
         ways.append((inward, outward))
-    tips = [np.vstack([a.tip, tip, b.tip[::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
-    axes = [np.vstack([a.axis, axis, b.axis[::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
+    # One sequence each; the last pose of a link is the first of the sweep.
+    tips = [np.vstack([a.tip, tip[1:-1], b.tip[::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
+    axes = [np.vstack([a.axis, axis[1:-1], b.axis[::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
     words = choose_words(machine, [Run(label, axis) for label, axis in zip(labels, axes, strict=True)])
     stretches = []
     for piece, (inward, outward), tip, axis, word in zip(pieces, ways, tips, axes, words, strict=True):
-        positions = axis_positions(machine, mounting_of(job), piece.ride.tool.name, tip, word)
+        ride, label = piece.ride, f"{piece.label} with its approach"
+        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, word)
         # At feed from beside the face to beside it again; the safe plane is reached by rapid.
         at = slice(1, len(tip) - 1)
         feed = np.zeros(len(tip))
-        feed[at] = block_feeds(
-            tip[at], axis[at], positions[at], piece.ride, machine, job.program.feed, f"{piece.label} with its approach"
-        )
-        feed[1] = 0.0
-        first, last = len(inward.tip), len(tip) - len(outward.tip)
-        # The sweep begins where the approach ends; its first feed is that of its first block.
-        feed[first] = feed[first + 1]
+        feed[at] = block_feeds(tip[at], axis[at], positions[at], ride, machine, job.program.feed, label)
+        first, last = len(inward.tip) - 1, len(tip) - len(outward.tip)
+        # Into the first pose of a stretch leads nothing; it has the feed of its first block.
+        sweep_feed, back_feed = feed[first : last + 1].copy(), feed[last:].copy()
+        sweep_feed[0], back_feed[0], feed[1] = sweep_feed[1], back_feed[1], 0.0
+        ends = slice(0, first + 1), slice(first, last + 1), slice(last, len(tip))
         stretches.append(
             (
-                Stretch(Purpose.APPROACH, piece.cut, tip[:first], axis[:first], feed[:first]),
-                Stretch(Purpose.SWEEP, piece.cut, tip[first:last], axis[first:last], feed[first:last]),
-                Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], feed[last:]),
+                Stretch(Purpose.APPROACH, piece.cut, tip[ends[0]], axis[ends[0]], feed[ends[0]]),
+                Stretch(Purpose.SWEEP, piece.cut, tip[ends[1]], axis[ends[1]], sweep_feed),
+                Stretch(Purpose.RETRACT, piece.cut, tip[ends[2]], axis[ends[2]], back_feed),
             )
         )
     return stretches

@@ -58,18 +58,18 @@ def least_seconds(machine: Machine, axes: Array) -> Array:
     return np.asarray(np.maximum(by_speed, machine.block_time_ms / 1000.0))
 
 
-def spread_seconds(axes: Array, seconds: Array, limits: Limits) -> Array:
-    """Times of N blocks between axis positions (N + 1, 5), at least those given, so that no axis turns off too hard.
+def followed_seconds(axes: Array, seconds: Array, limits: Limits) -> Array:
+    """Times of N moving blocks between axis positions (N + 1, 5), at least those given, that all axes can follow.
 
     Between the middles of two blocks an axis changes from the mean speed of one to that of the other. Where that is
-    more than it can, both blocks get so much more time that at the same ratio of their speeds it would do. How the
-    control brakes from faster blocks to these is its own affair, and `profile`'s.
+    more than its acceleration, the way there is run slower; and before and after it the rate changes no faster than an
+    axis lets it. Each of the two keeps the acceleration by itself.
     """
     speed = np.diff(axes, axis=0) / seconds[:, None]
     apart = 0.5 * (seconds[1:] + seconds[:-1])
     excess = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / apart
-    factor = np.sqrt(np.maximum(excess, 1.0))
-    return np.asarray(seconds * np.maximum(np.concatenate([factor, [1.0]]), np.concatenate([[1.0], factor])))
+    at_nodes = np.concatenate([[1.0], 1.0 / np.sqrt(np.maximum(excess, 1.0)), [1.0]])
+    return _braked(speed, seconds, np.maximum(at_nodes[1:], at_nodes[:-1]), at_nodes, limits)[2]
 
 
 def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:
@@ -83,19 +83,9 @@ def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:
     speed = steps[moving] / nominal[moving, None]
     time = nominal[moving]
     cap = np.minimum(1.0, 1.0 / np.maximum((np.abs(speed) / limits.speed).max(axis=1, initial=0.0), 1e-12))
-    change = 1.0 / np.maximum((np.abs(speed) / limits.acceleration).max(axis=1, initial=0.0), 1e-12)
     corner = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / max(tail, 1e-12)
     at_corner = np.minimum(np.minimum(cap[1:], cap[:-1]), 1.0 / np.maximum(corner, 1e-12))
-    squared = np.concatenate([[0.0], at_corner**2, [0.0]])
-    # Nowhere faster than what can be reached from each place before it, and braked to each place after it.
-    ways = np.concatenate([[0.0], np.cumsum(2.0 * change * time)])
-    squared = np.minimum(squared, np.minimum.accumulate(squared - ways) + ways)
-    backwards = ways[-1] - ways[::-1]
-    squared = np.minimum(squared, (np.minimum.accumulate(squared[::-1] - backwards) + backwards)[::-1])
-    rate = np.sqrt(np.maximum(squared, 0.0))
-    top = np.sqrt(np.minimum(cap**2, 0.5 * (rate[1:] ** 2 + rate[:-1] ** 2) + change * time))
-    spent = (2.0 * top**2 - rate[1:] ** 2 - rate[:-1] ** 2) / (2.0 * change)
-    taken = (2.0 * top - rate[1:] - rate[:-1]) / change + np.maximum(time - spent, 0.0) / top
+    rate, change, taken = _braked(speed, time, cap, np.concatenate([[0.0], at_corner, [0.0]]), limits)
 
     seconds, changes = np.zeros(len(nominal)), np.full(len(nominal), np.inf)
     seconds[moving], changes[moving] = taken, change
@@ -103,3 +93,21 @@ def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:
     if moving.any():
         rates[1:] = rate[np.cumsum(moving)]
     return Profile(nominal, rates, changes, seconds, tail)
+
+
+def _braked(speed: Array, time: Array, cap: Array, at_nodes: Array, limits: Limits) -> tuple[Array, Array, Array]:
+    """Rates at the N + 1 ends of blocks, the change of the rate a second in each of N blocks, and their seconds.
+
+    speed (N, 5) at rate 1; time (N,) at rate 1; cap (N,) and at_nodes (N + 1,): largest rates in and between blocks.
+    """
+    change = 1.0 / np.maximum((np.abs(speed) / limits.acceleration).max(axis=1, initial=0.0), 1e-12)
+    # Nowhere faster than what can be reached from each place before it, and braked to each place after it.
+    ways = np.concatenate([[0.0], np.cumsum(2.0 * change * time)])
+    squared = np.minimum(at_nodes**2, np.minimum.accumulate(at_nodes**2 - ways) + ways)
+    backwards = ways[-1] - ways[::-1]
+    squared = np.minimum(squared, (np.minimum.accumulate(squared[::-1] - backwards) + backwards)[::-1])
+    rate = np.sqrt(np.maximum(squared, 0.0))
+    top = np.sqrt(np.minimum(cap**2, 0.5 * (rate[1:] ** 2 + rate[:-1] ** 2) + change * time))
+    spent = (2.0 * top**2 - rate[1:] ** 2 - rate[:-1] ** 2) / (2.0 * change)
+    taken = (2.0 * top - rate[1:] - rate[:-1]) / change + np.maximum(time - spent, 0.0) / top
+    return rate, change, np.asarray(taken)

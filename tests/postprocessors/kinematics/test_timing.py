@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from postprocessors.kinematics.timing import Profile, least_seconds, profile, spread_seconds, unwound
+from postprocessors.kinematics.timing import Profile, followed_seconds, least_seconds, profile, unwound
 from postprocessors.machines.machine import Limits, load_machine
 
 LIMITS = Limits(
@@ -112,7 +112,7 @@ def test_a_smooth_path_keeps_all_limits_of_the_axes() -> None:
     angle = np.linspace(0.0, 4.0 * np.pi, 600)
     axes = np.stack([20.0 * np.cos(angle), 20.0 * np.sin(angle), angle, 2.0 * np.sin(angle), 5.0 * angle], axis=1)
     nominal = np.linalg.norm(np.diff(axes[:, :3], axis=0), axis=1) / 400.0
-    spread = spread_seconds(axes, nominal, LIMITS)
+    spread = followed_seconds(axes, nominal, LIMITS)
     assert spread.sum() > 1.2 * nominal.sum()
     # v = sqrt(a r) on the circle of 20 mm where one axis does all of it, more where two share it.
     speed = np.median(np.diff(angle) / spread) * 20.0
