@@ -191,10 +191,14 @@ def test_approach_comes_from_outside_along_the_axis_and_off_the_face() -> None:
         assert ((tip[0] - corners) @ axis[0]).min() >= 7.0 - 1e-9
         np.testing.assert_array_equal(axis[0], axis[1])
         np.testing.assert_allclose(np.cross(tip[0] - tip[1], axis[0]), 0.0, atol=1e-9)
-        # Beside the face the middle of the flute is off it by the radius of the arc; the sweep itself comes from there.
-        middle = tip + 12.0 * axis
-        off = np.array([-1.0, 0.0, 0.0]) + axis[-1, 0] * axis[-1]
-        assert 5.0 < (middle[1] - middle[-1]) @ off / np.linalg.norm(off) < 9.0
+        # Beside the face the middle of the flute is off by the radius of the arc where the sweep, gone straight on,
+        # would have taken it.
+        middle, cut = tip + 12.0 * axis, sweep.tip + 12.0 * sweep.axis
+        along = cut[1] - cut[0] if pose == 0 else cut[-1] - cut[-2]
+        along /= np.linalg.norm(along)
+        beside = middle[1] - middle[-1]
+        beside -= beside @ along * along
+        assert np.linalg.norm(beside) == pytest.approx(7.0, abs=1.0) and beside[0] < -4.0
     assert approach.feed[0] == approach.feed[1] == 0.0 and retract.feed[-1] == 0.0
     assert (approach.feed[2:] > 0.0).all() and (retract.feed[:-1] > 0.0).all()
 
