@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
+import numpy.typing as npt
 
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import machine_of
@@ -17,6 +18,11 @@ from postprocessors.kinematics.travel import TravelCheck, check_travel
 from postprocessors.kinematics.visits import VisitWords, visits_with_words
 from postprocessors.machines.machine import Machine
 from postprocessors.toolpath import Purpose, ToolPath
+
+Array = npt.NDArray[np.float64]
+
+STANDING = 1e-9
+"""mm or degrees: an axis that moves less between two poses stands; a sweep begins at the last pose of its approach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +124,17 @@ def summarize(job: Job, path: ToolPath) -> PostSummary:
 def visit_profile(machine: Machine, job: Job, visit: VisitWords) -> Profile:
     """How the machine runs from the safe plane to the cut, through it and back."""
     axes = axis_positions(machine, mounting_of(job), visit.tool, visit.tip, visit.words)
+    return profile(axes, nominal_seconds(machine, visit, axes), machine.limits)
+
+
+def nominal_seconds(machine: Machine, visit: VisitWords, axes: Array) -> Array:
+    """Seconds of each block of a visit at its programmed feed, (N - 1,); 0 where nothing moves and no block is written.
+
+    axes: positions of the five axes, (N, 5).
+    """
     feed = np.concatenate([stretch.feed for stretch in visit.stretches])[1:]
     way = np.linalg.norm(np.diff(visit.tip, axis=0), axis=1)
     # A rapid block takes what its slowest axis needs; one without motion is not written.
     nominal = np.where(feed > 0.0, 60.0 * way / np.where(feed > 0.0, feed, 1.0), least_seconds(machine, axes))
-    still = (np.abs(np.diff(axes, axis=0)) < 1e-12).all(axis=1)
-    return profile(axes, np.where(still, 0.0, nominal), machine.limits)
+    still = (np.abs(np.diff(axes, axis=0)) < STANDING).all(axis=1)
+    return np.asarray(np.where(still, 0.0, nominal))

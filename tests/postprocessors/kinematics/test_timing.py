@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from postprocessors.kinematics.timing import Profile, followed_seconds, least_seconds, profile, unwound
+from benchmarks.simulated_machine import STEP, drive
+from postprocessors.kinematics.timing import followed_seconds, least_seconds, profile, unwound
 from postprocessors.machines.machine import Limits, load_machine
 
 LIMITS = Limits(
@@ -15,44 +16,6 @@ LIMITS = Limits(
     np.array([3000.0, 3000.0, 3000.0, 1000.0, 500.0]),
     np.array([60000.0, 60000.0, 60000.0, 20000.0, 10000.0]),
 )
-STEP = 1e-4
-
-
-def simulated(axes: np.ndarray, nominal: np.ndarray, found: Profile) -> tuple[float, np.ndarray]:
-    """Drive through the path in steps of time, as fast as caps allow; filter; seconds to arrive, and axes over time.
-
-    Braking is by looking back from the end in fine steps of way, not by the formulas of the model.
-    """
-    cells = 20
-    way = np.concatenate([[0.0], np.cumsum(np.repeat(nominal / cells, cells))])
-    change = np.repeat(found.change, cells)
-    speed = np.diff(axes, axis=0) / nominal[:, None]
-    cap = np.minimum(1.0, (LIMITS.speed / np.maximum(np.abs(speed), 1e-12)).min(axis=1))
-    brake = np.empty(len(way))
-    brake[-1] = 0.0
-    node = np.full(len(way), np.inf)
-    node[:-1] = np.repeat(cap, cells)
-    node[1:] = np.minimum(node[1:], np.repeat(cap, cells))
-    # A corner is passed at the speed at which each axis changes its speed within the filter's time.
-    for k in range(1, len(nominal)):
-        jump = (np.abs(speed[k] - speed[k - 1]) / LIMITS.acceleration).max() / found.tail
-        node[k * cells] = min(node[k * cells], 1.0 / max(jump, 1e-12))
-    for k in range(len(way) - 2, -1, -1):
-        brake[k] = min(node[k], np.sqrt(brake[k + 1] ** 2 + 2.0 * change[k] * (way[k + 1] - way[k])))
-    place, rate, places = 0.0, 0.0, [0.0]
-    while place < way[-1] - 1e-12:
-        cell = min(int(np.searchsorted(way, place, side="right")) - 1, len(change) - 1)
-        ahead = np.sqrt(brake[cell + 1] ** 2 + 2.0 * change[cell] * max(way[cell + 1] - place, 0.0))
-        rate = max(min(rate + change[cell] * STEP, ahead, np.repeat(cap, cells)[cell]), 1e-4)
-        place = min(place + rate * STEP, way[-1])
-        places.append(place)
-    at = np.stack([np.interp(places, np.r_[0.0, np.cumsum(nominal)], column) for column in axes.T], axis=1)
-    width = max(round(found.tail / STEP), 1)
-    padded = np.vstack([np.repeat(at[:1], width, axis=0), at, np.repeat(at[-1:], width, axis=0)])
-    sums = np.vstack([np.zeros((1, 5)), np.cumsum(padded, axis=0)])
-    filtered = (sums[width:] - sums[:-width]) / width
-    arrived = int(np.flatnonzero(np.abs(filtered - axes[-1]).max(axis=1) > 1e-6)[-1]) + 1
-    return (arrived - 1) * STEP, filtered
 
 
 @pytest.mark.parametrize(("length", "feed"), [(100.0, 50.0), (20.0, 30.0), (300.0, 400.0)])
@@ -64,7 +27,7 @@ def test_a_straight_block_takes_the_time_of_the_s_curve(length: float, feed: flo
     expected = length / feed + feed / acceleration + acceleration / jerk
     found = profile(axes, np.array([length / feed]), LIMITS)
     assert found.total == pytest.approx(expected, rel=1e-12)
-    assert simulated(axes, np.array([length / feed]), found)[0] == pytest.approx(expected, abs=1e-3)
+    assert drive(axes, np.array([length / feed]), LIMITS).seconds == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_block_too_short_for_its_feed_is_a_triangle() -> None:
@@ -101,7 +64,7 @@ def test_many_blocks_against_the_simulated_machine(seed: int, blocks: int, feed:
     axes = np.vstack([np.zeros(5), np.cumsum(steps, axis=0)])
     nominal = np.linalg.norm(np.diff(axes[:, :3], axis=0), axis=1) / feed
     found = profile(axes, nominal, LIMITS)
-    seconds, filtered = simulated(axes, nominal, found)
+    seconds, filtered = drive(axes, nominal, LIMITS)
     assert found.total == pytest.approx(seconds, rel=0.005, abs=0.002)
     speed = np.diff(filtered, axis=0) / STEP
     assert (np.abs(speed) / LIMITS.speed).max() < 1.001
@@ -118,7 +81,7 @@ def test_a_smooth_path_keeps_all_limits_of_the_axes() -> None:
     speed = np.median(np.diff(angle) / spread) * 20.0
     assert 0.9 < speed / np.sqrt(3000.0 * 20.0) < 1.19
     found = profile(axes, spread, LIMITS)
-    seconds, filtered = simulated(axes, spread, found)
+    seconds, filtered = drive(axes, spread, LIMITS)
     assert found.total == pytest.approx(seconds, rel=0.005)
     every = 20
     acceleration = np.diff(filtered[::every], 2, axis=0) / (every * STEP) ** 2
