@@ -45,6 +45,7 @@ from conflank_cli.verification.poses import build_cells, poses_on_part
 from conflank_cli.verification.program import Interpolation
 from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.sampling import sample_face
+from postprocessors.errors import PostError
 from postprocessors.kinematics.linear_axes import nose_positions
 from postprocessors.kinematics.timing import profile
 from postprocessors.kinematics.two_rotary import Run, choose_words, inverse
@@ -158,9 +159,14 @@ def plans() -> tuple[Plan, ...]:
     return tuple(found)
 
 
-def on_machine(scene: Scene, name: str) -> Scene:
-    """The same job on another shipped machine."""
-    return replace(scene, job=msgspec.structs.replace(scene.job, machine=JobMachine(name=name)))
+def on_machine(scene: Scene, sweeps: Sequence[Sweep], name: str) -> Scene:
+    """The same job on another shipped machine, set up so that the tools lean by 30 degrees in the mean."""
+    ends = [sweep.motion.ends([0.5]) for sweep in sweeps]
+    mean = np.sum([(q[0] - p[0]) / np.linalg.norm(q[0] - p[0]) for p, q in ends], axis=0)
+    turn, _ = Rotation.align_vectors([[0.0, -0.5, np.sqrt(0.75)]], [mean / np.linalg.norm(mean)])
+    a, b, c = (float(angle) for angle in turn.as_euler("XYZ", degrees=True))
+    setup = msgspec.structs.replace(scene.job.setup, rotate_deg=(a, b, c))
+    return replace(scene, job=msgspec.structs.replace(scene.job, machine=JobMachine(name=name), setup=setup))
 
 
 # --- blocks and gap -------------------------------------------------------------------------------------------------
@@ -286,11 +292,11 @@ def measure_machines() -> tuple[list[Verdict], dict[str, Any]]:
     verdicts: list[Verdict] = []
     figures: dict[str, Any] = {}
     for machine_name in ready_machines():
-        machine, moved = load_machine(machine_name), on_machine(scene, machine_name)
+        machine, moved = load_machine(machine_name), on_machine(scene, sweeps, machine_name)
         try:
             path = plan_to_toolpath(moved, sweeps, machine)
             summary = summarize(moved.job, path)
-        except ConflankError as error:
+        except (ConflankError, PostError) as error:
             printed.add_row(machine_name, "-", "-", "-", "-", "-", f"{error.where}: {error.found}")
             figures[machine_name] = str(error)
             continue

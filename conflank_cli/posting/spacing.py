@@ -27,6 +27,9 @@ the 0.5 µm that posting may cost."""
 SAMPLES_PER_SPAN = 16
 """Samples of a motion for each knot span, from which the spacing is planned: its second derivative is linear there."""
 SAMPLES_AT_LEAST = 129
+GRADING = 0.2
+"""Share by which a block may be longer than the one beside it: where a motion has an inflection, blocks could be many
+times as long as beside it, and the control would have to change its pace."""
 CHECKS_PER_BLOCK = 7
 """Places within each block where the deviation is checked; it is a bump with one top, or two and a zero between."""
 CHECK_SLACK = 0.97
@@ -105,6 +108,7 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     density = np.concatenate([density[:1], density, density[-1:]])
     # A straight stretch has no density of its own; a small one keeps the inverse of the integral defined.
     density = np.maximum(density, max(1e-3 * float(density.max()), np.finfo(np.float64).tiny))
+    density = 1.0 / _graded(1.0 / density, t)
     load = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(t))])
     blocks = max(1, int(np.ceil(load[-1])))
     for _ in range(6):
@@ -117,6 +121,13 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
             break
         blocks = max(blocks + 1, int(np.ceil(blocks * np.sqrt(worst))))
     return np.asarray(times)
+
+
+def _graded(length: Array, t: Array) -> Array:
+    """Lengths of blocks (N,) at times t (N,), none longer than given, that change by `GRADING` from block to block."""
+    rising = np.minimum.accumulate(length - GRADING * t) + GRADING * t
+    falling = (np.minimum.accumulate((length + GRADING * t)[::-1]))[::-1] - GRADING * t
+    return np.asarray(np.minimum(rising, falling))
 
 
 def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:

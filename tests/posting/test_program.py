@@ -156,6 +156,18 @@ def test_an_arc_gets_the_blocks_its_sagitta_asks_for() -> None:
     assert needed <= blocks <= 1.05 * needed + 1
 
 
+def test_blocks_beside_each_other_are_about_as_long() -> None:
+    """At each inflection of the wave the sagitta alone would allow a block of many times the length."""
+    t = np.linspace(0.0, 1.0, 400)
+    tip = np.stack([-6.0 - 3.0 * np.sin(9.0 * t), 60.0 * t, np.full(400, 3.0)], axis=1)
+    sweep = Sweep(0, "T1", motion_of(tip, np.tile([0.0, 0.0, 1.0], (400, 1)), "T1", 40))
+    posted = stretches_of(plan_to_toolpath(scene_of(), [sweep], AC), Purpose.SWEEP)[0]
+    length = np.linalg.norm(np.diff(posted.tip, axis=0), axis=1)
+    assert length.max() > 2.5 * length.min()
+    ratio = length[1:] / length[:-1]
+    assert max(ratio.max(), 1.0 / ratio.min()) < 1.3
+
+
 def test_a_straight_sweep_is_one_block() -> None:
     path = plan_to_toolpath(scene_of(), [upright()], AC)
     assert len(stretches_of(path, Purpose.SWEEP)[0].tip) == 2
