@@ -243,7 +243,9 @@ def measure_blocks() -> tuple[list[Verdict], dict[str, Any]]:
         tools = {tool.name: tool for tool in scene.tools}
         rides = [Ride(sweep.motion, tools[sweep.tool], Frame.of(scene.job.setup)) for sweep in sweeps]
         labels = [f"sweep {number}" for number in range(1, len(rides) + 1)]
-        times = space_blocks(rides, machine, labels)
+        # As they are by themselves: links only decide which solution they get.
+        nothing = np.zeros((0, 3))
+        times = space_blocks(rides, machine, labels, [(nothing, nothing)] * len(rides))
         blocks, uniform = [len(t) - 1 for t in times], [uniform_blocks(ride, machine) for ride in rides]
         steps = [_step_ratio(ride, t) for ride, t in zip(rides, times, strict=True)]
         load, gap = rotary_load(machine, text), 1000.0 * max(gap_changes(scene, sweeps, text))

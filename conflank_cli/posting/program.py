@@ -19,7 +19,7 @@ from conflank_cli.posting.feeds import block_feeds
 from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
 from conflank_cli.posting.mounting import axis_positions, mounting_of
 from conflank_cli.posting.ride import Ride
-from conflank_cli.posting.spacing import legs_of, space_blocks
+from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
@@ -137,19 +137,13 @@ def _with_links(
 ) -> list[tuple[Stretch, Stretch, Stretch]]:
     """Approach, sweep and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
     labels = [piece.label for piece in pieces]
-    times = space_blocks([piece.ride for piece in pieces], machine, labels)
-    poses = [piece.ride.poses(t) for piece, t in zip(pieces, times, strict=True)]
-    ways: list[tuple[Link, Link]] = []
-    for piece, (_, axis) in zip(pieces, poses, strict=True):
-        ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
-        inward, outward = (clearest(plane.links(ride, after, away), ride, screen) for after, away in sides)
-        if not runs_through(machine, Run(piece.label, np.vstack([inward.axis, axis, outward.axis[::-1]]))):
-            # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
-            inward, outward = (clearest(plane.straight(ride, after, away), ride, screen) for after, away in sides)
-        ways.append((inward, outward))
-    # One sequence each; the last pose of a link is the first of the sweep.
-    tips = [np.vstack([a.tip, tip[1:-1], b.tip[::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
-    axes = [np.vstack([a.axis, axis[1:-1], b.axis[::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
+    ways = [_ways(piece, plane, screen, machine) for piece in pieces]
+    rides = [piece.ride for piece in pieces]
+    # The last pose of a link is the first of the sweep, or the other way round.
+    times = space_blocks(rides, machine, labels, [(a.axis[:-1], b.axis[-2::-1]) for a, b in ways])
+    poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
+    tips = [np.vstack([a.tip[:-1], tip, b.tip[-2::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
+    axes = [np.vstack([a.axis[:-1], axis, b.axis[-2::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
     words = choose_words(machine, [Run(label, axis) for label, axis in zip(labels, axes, strict=True)])
     stretches = []
     for piece, (inward, outward), tip, axis, word in zip(pieces, ways, tips, axes, words, strict=True):
@@ -172,6 +166,17 @@ def _with_links(
             )
         )
     return stretches
+
+
+def _ways(piece: _Piece, plane: SafePlane, screen: Screen, machine: Machine) -> tuple[Link, Link]:
+    """The ways to the first pose of a piece, and from its last (read backwards)."""
+    ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
+    inward, outward = (clearest(plane.links(ride, after, away), ride, screen) for after, away in sides)
+    axis = np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]])
+    if not runs_through(machine, Run(piece.label, axis)):
+        # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
+        inward, outward = (clearest(plane.straight(ride, after, away), ride, screen) for after, away in sides)
+    return inward, outward
 
 
 def _cutter(tool: Tool) -> Cutter:

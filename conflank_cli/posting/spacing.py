@@ -38,10 +38,17 @@ REFINEMENTS = 24
 """Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
 
 
-def space_blocks(rides: Sequence[Ride], machine: Machine, labels: Sequence[str]) -> list[Array]:
+def space_blocks(
+    rides: Sequence[Ride], machine: Machine, labels: Sequence[str], links: Sequence[tuple[Array, Array]]
+) -> list[Array]:
     """Times of the blocks of each ride, as few as hold `CHORD_TOLERANCE`, evenly loaded.
 
-    labels (one for each ride) name them in messages.
+    Parameters
+    ----------
+    rides: what is cut, in order.
+    machine: its rotary words are one of the two interpolations.
+    labels: name the rides in messages.
+    links: axes (N, 3) of the poses before the first and after the last of each ride, in order.
 
     The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
     blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
@@ -54,13 +61,17 @@ def space_blocks(rides: Sequence[Ride], machine: Machine, labels: Sequence[str])
     times = [_planned_times(ride, machine, label) for ride, label in zip(rides, labels, strict=True)]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
-        # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
-        runs = [Run(label, ride.poses(t)[1]) for ride, t, label in zip(rides, times, labels, strict=True)]
+        # The words of the whole program: which of two solutions a sweep gets may depend on its links and neighbours.
+        runs = [
+            Run(label, np.vstack([before, ride.poses(t)[1], after]))
+            for ride, t, label, (before, after) in zip(rides, times, labels, links, strict=True)
+        ]
         words = choose_words(machine, runs)
         done = True
         for index, ride in enumerate(rides):
             t = times[index]
-            fails = block_deviation(ride, t, words[index], machine) > limit
+            own = words[index][len(links[index][0]) :][: len(t)]
+            fails = block_deviation(ride, t, own, machine) > limit
             if fails.any():
                 done = False
                 times[index] = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[fails]]))
@@ -82,8 +93,13 @@ def legs_of(ride: Ride, machine: Machine, label: str) -> list[Ride]:
     PostError: an orientation is out of the machine's reach.
     """
     t = _samples(ride)
-    pieces = legs(machine, Run(label, ride.poses(t)[1]))
+    pieces = legs(machine, Run(label, planned_axes(ride)))
     return [ride.between(float(t[first]), float(t[last])) for first, last in pieces]
+
+
+def planned_axes(ride: Ride) -> Array:
+    """Tool axes (N, 3) that stand for the whole of a ride."""
+    return ride.poses(_samples(ride))[1]
 
 
 def _samples(ride: Ride) -> Array:
