@@ -218,15 +218,18 @@ class Setup(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Machine(Struct, frozen=True, forbid_unknown_fields=True):
-    """The machine: a shipped example by name, or a TOML file beside the job file.
+    """The machine: a shipped example by name, or a TOML file beside the job file; and how part and tools sit on it.
 
     definition is the text of that file. It is no key of the job file: `load_job` fills it in, so that a later stage
-    needs no other file.
+    needs no other file. zero is the program's datum in machine coordinates with all rotary axes at 0, gauge_length the
+    length from tip to spindle nose by tool, mm; without them travels cannot be checked pose by pose.
     """
 
     name: str = "ac-table"
     file: str | None = None
     definition: str | None = None
+    zero: tuple[float, float, float] | None = None
+    gauge_length: dict[str, Positive] = {}
 
 
 class Safe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -243,7 +246,7 @@ class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Program(Struct, frozen=True, forbid_unknown_fields=True):
-    """The program: name on the control, format, style, split, datum, cutting direction, retracts, coolant.
+    """The program: name on the control, format, style, split, datum, cutting direction, feed, retracts, coolant.
 
     format is that of an installed post, style one of its styles (None: its first), options are of the post's own.
     datum is the number of a preset, or a shift (x, y, z) of the datum. tool_numbers are numbers on the machine by name
@@ -258,6 +261,7 @@ class Program(Struct, frozen=True, forbid_unknown_fields=True):
     tool_numbers: dict[str, Annotated[int, _TOOL_NUMBER]] = {}
     options: dict[str, str] = {}
     cutting: Literal["climb", "conventional", "both"] = "climb"
+    feed: Literal["contact", "tip"] = "contact"
     safe: Safe = Safe()
     coolant: Literal["M7", "M8", "none"] = "M8"
     cycle32: Cycle32 = Cycle32()
@@ -351,7 +355,7 @@ def parse_job(data: bytes, where: str, folder: Path) -> Job:
         # Each format has styles of its own.
         job = msgspec.structs.replace(job, program=msgspec.structs.replace(job.program, style=None))
     if job.machine.file is not None:
-        job = msgspec.structs.replace(job, machine=_embed_machine(job.machine.file, where, folder))
+        job = msgspec.structs.replace(job, machine=_embed_machine(job.machine, job.machine.file, where, folder))
     return job
 
 
@@ -367,7 +371,7 @@ def job_from_builtins(data: object, where: str) -> Job:
     return job
 
 
-def _embed_machine(name: str, where: str, folder: Path) -> Machine:
+def _embed_machine(machine: Machine, name: str, where: str, folder: Path) -> Machine:
     """The machine with the text of its file, so that artifacts stand alone."""
     try:
         text = (folder / name).read_text("utf-8")
@@ -378,7 +382,7 @@ def _embed_machine(name: str, where: str, folder: Path) -> Machine:
             "a machine file in TOML, relative to the job file",
             "Check the name, or name a shipped machine with [machine] name.",
         ) from None
-    return Machine(name=Path(name).stem, file=name, definition=text)
+    return msgspec.structs.replace(machine, name=Path(name).stem, definition=text)
 
 
 # --- keys and types -------------------------------------------------------------------------------------------------
@@ -487,12 +491,17 @@ def _out_of_limits(value: object, expected: str, where: str, keys: Keys) -> Inpu
 
 def _convert(tables: Mapping[str, Any], where: str) -> Job:
     """Tables to the job; a message of the schema becomes one with place, found and expected."""
-    # msgspec does not say which tool of [tools.define] it speaks of, so each is tried by itself first.
+    # msgspec does not say which key of a table with free names it speaks of, so each is tried by itself first.
     tools = tables.get("tools")
     define = tools.get("define") if isinstance(tools, dict) else None
     if isinstance(define, dict):
         for name, table in define.items():
             _convert_one(table, ToolDefinition, where, ("tools", "define", name))
+    machine = tables.get("machine")
+    lengths = machine.get("gauge_length") if isinstance(machine, dict) else None
+    if isinstance(lengths, dict):
+        for name, length in lengths.items():
+            _convert_one(length, float, where, ("machine", "gauge_length", name))
     job: Job = _convert_one(tables, Job, where, ())
     return job
 
@@ -610,6 +619,14 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
             "a tool of [tools] use: " + ", ".join(job.tools.use),
             "Add it to [tools] use, or name another.",
         )
+    for name in job.machine.gauge_length:
+        if name not in job.tools.use:
+            raise InputError(
+                f"{where}: [machine] gauge_length.{name}",
+                repr(name),
+                "a tool of [tools] use: " + ", ".join(job.tools.use),
+                "Correct the name.",
+            )
     copies = job.setup.copies
     if not any(copies.axis):
         raise InputError(f"{where}: [setup] copies.axis", "[0, 0, 0]", "a direction", "Use [0, 0, 1] for Z.")

@@ -22,18 +22,21 @@ def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
     from conflank_cli.artifacts import read_artifact
     from conflank_cli.commands.inputs import override
     from conflank_cli.commands.stages import run_post
+    from conflank_cli.commands.tables import prediction
     from conflank_cli.output import check_output, write_output
+    from conflank_cli.posting import summarize
 
     check_output(output, [source])
     scene, sweeps, _ = read_artifact(source, "plan")
     scene = override(scene, "post", job_file, talk)
     check_split(scene.job.program.split, output)
-    files = run_post(scene, sweeps, output, talk)
+    files, path = run_post(scene, sweeps, output, talk)
     for name in files:
         check_output(name, [source])
     # The calling program last: once it is there, so are its parts.
     for name, text in reversed(files.items()):
         write_output(text, name, [source])
+    talk.note(prediction(summarize(scene.job, path)))
 
 
 def check_split(split: str, output: str) -> None:

@@ -30,11 +30,12 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
     from conflank_cli.commands.stages import run_detect, run_optimize, run_post, run_select, run_verify
-    from conflank_cli.commands.tables import judgement
+    from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.formats import post_of
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_output, write_output
+    from conflank_cli.posting import summarize
 
     start = time.perf_counter()
     job, folder = read_job(job_file)
@@ -54,7 +55,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary = run_select(scene, motions, talk)
-    programs = run_post(scene, plan, program, talk)
+    programs, path = run_post(scene, plan, program, talk)
     verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
 
     contents: dict[str, bytes | str] = {
@@ -74,6 +75,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         write_output(content, out / name, inputs)
 
     talk.note(judgement(verification))
+    talk.note(facts_of(summarize(scene.job, path)))
     talk.note(f"program       {out / program}\ncomputed in   {time.perf_counter() - start:.1f} s")
     if as_json:
         summary = {"files": [str(out / name) for name in contents], "verification": verification}

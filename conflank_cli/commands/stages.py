@@ -13,6 +13,7 @@ from conflank_cli.options import Talk
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import Verification
+from postprocessors.toolpath import ToolPath
 
 KERNELS = Path(geometry.__file__).parent / "kernels" / "__pycache__"
 """Where compiled kernels are kept, unless NUMBA_CACHE_DIR says otherwise."""
@@ -78,14 +79,14 @@ def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[
     return plan, _counts(scene, plan) | summary
 
 
-def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> dict[str, str]:
-    """Texts by name of file: the program to run as `output`, then the parts it calls beside it."""
+def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> tuple[dict[str, str], ToolPath]:
+    """Texts by name of file (the program to run as `output`, then the parts it calls beside it), and the tool path."""
     from conflank_cli.errors import UsageError
     from conflank_cli.formats import post_of
     from conflank_cli.posting import post_programs
 
     with talk.timed("post"):
-        (program, *parts), _ = post_programs(scene, sweeps)
+        (program, *parts), path = post_programs(scene, sweeps)
     suffix = post_of(scene.job).suffix
     files = {output: program.text}
     for part in parts:
@@ -93,7 +94,7 @@ def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> 
         if name in files:
             raise UsageError(f"-o {output}", "the name of a part that the program calls", "another", "Name another.")
         files[name] = part.text
-    return files
+    return files, path
 
 
 def program_beside(folder: Path, name: str) -> str | None:

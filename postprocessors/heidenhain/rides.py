@@ -20,10 +20,11 @@ from postprocessors.heidenhain.control import (
     check_swing,
 )
 from postprocessors.kinematics.two_rotary import Run, choose_words
+from postprocessors.kinematics.visits import visit_axes, visit_label
 from postprocessors.machines.machine import Machine
 from postprocessors.path_checks import check_coordinates
 from postprocessors.post import ProgramOptions
-from postprocessors.toolpath import Operation, Purpose, Stretch, ToolPath
+from postprocessors.toolpath import Stretch, ToolPath, visits
 
 Array = npt.NDArray[np.float64]
 
@@ -52,8 +53,8 @@ class Ride:
 
 def rides_of(path: ToolPath, machine: Machine, options: ProgramOptions) -> list[list[Ride]]:
     """The rides of every operation, with rotary words chosen over the whole program."""
-    groups = [_groups(operation) for operation in path.operations]
-    runs = [Run(_label(stretches), _axes(stretches)) for group in groups for stretches in group]
+    groups = [visits(operation) for operation in path.operations]
+    runs = [Run(visit_label(stretches), visit_axes(stretches)) for group in groups for stretches in group]
     words = choose_words(machine, runs)
     for run, chosen in zip(runs, words, strict=True):
         check_swing(machine, run, chosen)
@@ -62,25 +63,14 @@ def rides_of(path: ToolPath, machine: Machine, options: ProgramOptions) -> list[
     return [[_ride(stretches, *next(remaining), machine, shift) for stretches in group] for group in groups]
 
 
-def _groups(operation: Operation) -> list[list[Stretch]]:
-    groups: list[list[Stretch]] = []
-    for stretch in operation.stretches:
-        last = groups[-1][-1] if groups else None
-        again = last is not None and (last.purpose, stretch.purpose) == (Purpose.RETRACT, Purpose.APPROACH)
-        if last is None or last.cut != stretch.cut or again:
-            groups.append([])
-        groups[-1].append(stretch)
-    return groups
-
-
-def _ride(stretches: list[Stretch], run: Run, words: Array, machine: Machine, shift: Array) -> Ride:
+def _ride(stretches: tuple[Stretch, ...], run: Run, words: Array, machine: Machine, shift: Array) -> Ride:
     tip = np.concatenate([stretch.tip for stretch in stretches]) - shift
     feed = np.concatenate([stretch.feed for stretch in stretches])
     check_coordinates(run.label, tip, COORDINATE_LIMIT)
     letters = [rotary.letter for rotary in machine.rotary]
     order = sorted(range(2), key=lambda column: letters[column])
     return Ride(
-        stretches=tuple(stretches),
+        stretches=stretches,
         letters=(letters[order[0]], letters[order[1]]),
         turns=_printed_words(words, machine)[:, order],
         # Adding zero turns -0 into +0.
@@ -112,13 +102,3 @@ def _printed_feeds(feed: Array, machine: Machine) -> list[int]:
     limit = min(floor(machine.max_feed_mm_min), FEED_LIMIT)
     whole = np.where(feed > 0.0, np.clip(np.round(feed), 1.0, max(limit, 1.0)), 0.0)
     return [int(value) for value in whole]
-
-
-def _label(stretches: list[Stretch]) -> str:
-    kind = "pass" if any(stretch.purpose is Purpose.PASS for stretch in stretches) else "sweep"
-    return f"{kind} {stretches[0].cut} with its approach"
-
-
-def _axes(stretches: list[Stretch]) -> Array:
-    axis = np.concatenate([stretch.axis for stretch in stretches])
-    return np.asarray(axis / np.linalg.norm(axis, axis=1, keepdims=True))

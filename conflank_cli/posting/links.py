@@ -1,0 +1,159 @@
+"""Ways to and from a sweep: which way is off the face, where tools come from, and what is hit on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.geometry.footpoint import Projector
+from conflank_cli.geometry.screening import Screen
+from conflank_cli.posting.ride import Ride
+from conflank_cli.scene import Scene
+
+Array = npt.NDArray[np.float64]
+
+AWAY_SAMPLES = 9
+"""Places along a sweep where the direction away from the face is taken."""
+HULL_SAMPLES = 65
+"""Rows and columns of points that stand for a face when its size is taken; they also give its border."""
+LINK_SHARES = (1.0, 0.5, 0.25, 0.1)
+"""Shares of the clearance that are tried, in this order, as the radius of an arc or the distance off the face."""
+LINK_LIFTS_DEG = (0.0, 30.0, 60.0, 80.0)
+"""Angles by which the shift off the face leans up the tool axis."""
+ARC_BLOCKS = 12
+"""Blocks of an approach or retract arc of 90 degrees: it leaves the circle by 0.2 % of its radius, to the inside."""
+LINK_STEP = 1.0
+"""Poses of a link are held against the part this far apart, mm."""
+
+
+def away_directions(ride: Ride, projector: Projector, sense: int) -> Array:
+    """Unit directions away from the face and across the axis, at `AWAY_SAMPLES` places along the sweep, (M, 3).
+
+    From the face's nearest point to the axis at mid flute; where the axis runs through the surface there (no face is
+    so thin that a sweep does), the surface's normal on the cutter's side.
+    """
+    tip, axis = ride.poses(np.linspace(0.0, 1.0, AWAY_SAMPLES))
+    middle = tip + 0.5 * ride.reach * axis
+    # Projection happens in the CAD frame, where the surface is.
+    foot = projector.project((middle - ride.frame.translation) @ ride.frame.rotation)
+    normal = sense * ride.frame.directions(foot.normal)
+    away = middle - ride.frame.points(foot.foot)
+    away = np.where(np.linalg.norm(away, axis=1, keepdims=True) > 0.1 * ride.tool.r_min, away, normal)
+    away -= np.einsum("ij,ij->i", away, axis)[:, None] * axis
+    return np.asarray(away / np.linalg.norm(away, axis=1, keepdims=True))
+
+
+def is_climb(ride: Ride, away: Array) -> bool:
+    """Whether the sweep climb-mills with a spindle that turns clockwise seen from above (M3).
+
+    The spindle turns about -d (d from tip to spindle), so the edge at the contact, -a from the axis (a away from the
+    face), runs along (-d) x (-a) = d x a. Climb milling means that it runs against the feed f there: f . (a x d) > 0.
+    With d up, feed north and the face to the east (a = west), a x d is north: the material lies to the right.
+    """
+    tip, axis = ride.poses(np.linspace(0.0, 1.0, len(away)))
+    middle = tip + 0.5 * ride.reach * axis
+    step = np.diff(middle, axis=0)
+    forth = np.cross(away, axis)
+    return float(np.einsum("ij,ij->", step, 0.5 * (forth[1:] + forth[:-1]))) > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A way from the safe plane to the first pose of a cut, or from its last pose back when read from the end.
+
+    tip, axis: poses, each (N, 3); the first two are the safe plane and the place beside the face.
+    """
+
+    tip: Array
+    axis: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SafePlane:
+    """Where tools come from: `height` from the centre of all geometry along whatever tool axis."""
+
+    centre: Array
+    height: float
+    clearance: float
+
+    def links(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+        """Ways from the safe plane down beside the first (or last) pose of a cut and to it, the best first.
+
+        The way to the pose is a quarter circle: the cut is taken up as if it had begun earlier, so that feed and swing
+        are those of the cut, and the tool comes off the face by a radius. On the way down to it, along the axis,
+        whatever part of the cutter passes a place is thinner than the part that stands there in the end. Where another
+        part of the workpiece is near, a smaller arc or one that also lifts may still be free; in the last place come
+        straight ways off the face.
+        """
+        for share in LINK_SHARES:
+            for lift in np.radians(LINK_LIFTS_DEG):
+                yield self._arc(ride, after, away, share * self.clearance, float(lift))
+        yield from self.straight(ride, after, away)
+
+    def straight(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+        """The last of these: straight off the face, and the axis stands still."""
+        for share in LINK_SHARES:
+            for lift in np.radians(LINK_LIFTS_DEG):
+                yield self._straight(ride, after, away, share * self.clearance, float(lift))
+
+    def _arc(self, ride: Ride, after: bool, away: Array, radius: float, lift: float) -> Link:
+        angle = np.linspace(0.5 * np.pi, 0.0, ARC_BLOCKS + 1)
+        tip, axis = ride.beyond(radius * np.sin(angle), after)
+        off = np.cos(lift) * away + np.sin(lift) * axis[-1]
+        tip = tip + radius * (1.0 - np.cos(angle))[:, None] * off
+        return self._from_above(tip, axis)
+
+    def _straight(self, ride: Ride, after: bool, away: Array, distance: float, lift: float) -> Link:
+        tip, axis = ride.beyond(np.zeros(2), after)
+        off = np.cos(lift) * away + np.sin(lift) * axis[0]
+        return self._from_above(tip + np.array([[distance], [0.0]]) * off, axis)
+
+    def _from_above(self, tip: Array, axis: Array) -> Link:
+        height = max(self.height - float((tip[0] - self.centre) @ axis[0]), self.clearance)
+        return Link(np.vstack([tip[:1] + height * axis[:1], tip]), np.vstack([axis[:1], axis]))
+
+
+def clearest(links: Iterable[Link], ride: Ride, screen: Screen) -> Link:
+    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them."""
+    best, fewest = None, np.inf
+    for link in links:
+        pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
+        tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        p = (tips - ride.tool.tip_height * axes - ride.frame.translation) @ ride.frame.rotation
+        hits = int(np.sum(~screen.free(p, axes @ ride.frame.rotation, ride.tool)))
+        if hits < fewest:
+            best, fewest = link, hits
+        if hits == 0:
+            break
+    assert best is not None
+    return best
+
+
+def _poses_between(link: Link, index: int) -> tuple[Array, Array]:
+    """Poses of one block of a link, at most `LINK_STEP` mm apart at the tip."""
+    tips = _points_between(link.tip[index], link.tip[index + 1], LINK_STEP)
+    share = np.linspace(0.0, 1.0, len(tips))[:, None]
+    axes = (1.0 - share) * link.axis[index] + share * link.axis[index + 1]
+    return tips, np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+
+def _points_between(start: Array, end: Array, step: float) -> Array:
+    """Points on a straight line, at most `step` mm apart, both ends included, (N, 3)."""
+    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
+    return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
+
+
+def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:
+    """Points that stand for all geometry of the scene, CAD frame, (N, 3)."""
+    points = [scene.check.vertices.reshape(-1, 3)]
+    for face, projector in zip(scene.faces, projectors, strict=True):
+        border = np.vstack(face.loops)
+        u = np.linspace(border[:, 0].min(), border[:, 0].max(), HULL_SAMPLES)
+        v = np.linspace(border[:, 1].min(), border[:, 1].max(), HULL_SAMPLES)
+        grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+        places = np.vstack([border, grid])
+        points.append(projector.evaluate(places[:, 0], places[:, 1])[:, 0])
+    return np.vstack(points)
