@@ -59,6 +59,11 @@ Axes = str | StatedAxes
 """A pair of rotary axes: by the letters of a usual pair, or described."""
 
 
+def letters_of(axes: Axes) -> str:
+    """Letters of a pair of rotary axes, in the order of their positions."""
+    return axes.letters if isinstance(axes, StatedAxes) else axes
+
+
 def _turned(direction: tuple[float, float, float], angle: Array, vectors: Array) -> Array:
     """Vectors (N, 3) turned by angles (N,) about a direction (any length)."""
     about = np.array(direction) / np.linalg.norm(direction)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.verification.findings import Finding
-from conflank_cli.verification.kinematics import CAD_FRAME, Axes, Frame, StatedAxes, axis_of
+from conflank_cli.verification.kinematics import CAD_FRAME, Axes, Frame, StatedAxes, axis_of, letters_of
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -164,6 +164,11 @@ class Program:
     findings: tuple[Finding, ...]
     called: tuple[CalledProgram, ...] = ()
 
+    @property
+    def rotary_letters(self) -> str:
+        """Letters of the columns of `moves.rotary`."""
+        return letters_of(self.letters)
+
 
 NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
 """A number with decimal point or comma, as a regular expression."""
@@ -293,7 +298,7 @@ class Recorder:
         self._interpolation = Interpolation.AXIS
         self._cut = -1
         self._linear: dict[str, float | None] = {"X": None, "Y": None, "Z": None}
-        self._letters = self.axes.letters if isinstance(self.axes, StatedAxes) else self.axes or ""
+        self._letters = letters_of(self.axes or "")
         # An axis that the program never names may not exist; it is taken to stand at zero.
         self._rotary: dict[str, float | None] = {
             letter: None if letter in used or vectors else 0.0 for letter in self._letters
