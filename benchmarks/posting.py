@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.certificate import motion_cells
 from benchmarks.run import PARTS, REPOSITORY, Case, Required, cases, run
-from benchmarks.simulated_machine import drive
+from benchmarks.simulated_machine import drive, on_the_part
 from benchmarks.verdicts import Part, Verdict, kept, measured, table, table_console
 from conflank_cli.artifacts import read_artifact
 from conflank_cli.errors import ConflankError
@@ -82,21 +82,6 @@ def ready_machines() -> list[str]:
 # --- kinematics -----------------------------------------------------------------------------------------------------
 
 
-def on_the_part(machine: Machine, nose: Array, words: Array, zero: Array) -> tuple[Array, Array]:
-    """Tip and axis on the part from positions of all axes: SciPy's rotations in the order the machine stacks them."""
-    tip, axis = np.tile([0.0, 0.0, -LENGTH], (len(nose), 1)), np.tile([0.0, 0.0, 1.0], (len(nose), 1))
-    turns = [
-        (Rotation.from_rotvec(np.radians(rotary.sign * words[:, [k]]) * rotary.direction), rotary)
-        for k, rotary in enumerate(machine.rotary)
-    ]
-    for carried_by, shift in (("head", nose), ("table", np.zeros(3))):
-        for turn, rotary in reversed(turns):
-            if rotary.carried_by == carried_by:
-                tip, axis = turn.apply(tip - rotary.pivot_mm) + rotary.pivot_mm, turn.apply(axis)
-        tip = tip + shift
-    return np.asarray(tip - zero), np.asarray(axis)
-
-
 def measure_round_trip() -> tuple[list[Verdict], dict[str, Any]]:
     rng = np.random.default_rng(SEED)
     printed = table(
@@ -120,11 +105,11 @@ def measure_round_trip() -> tuple[list[Verdict], dict[str, Any]]:
                     inside &= (words[:, column] >= rotary.range_deg[0]) & (words[:, column] <= rotary.range_deg[1])
             p, d, w = tip[inside], axis[inside], words[inside]
             count += len(p)
-            there, along = on_the_part(machine, nose_positions(machine, p, w).at(zero, LENGTH), w, zero)
+            there, along = on_the_part(machine, nose_positions(machine, p, w).at(zero, LENGTH), w, zero, LENGTH)
             exact = np.linalg.norm(there + FLUTE * along - p - FLUTE * d, axis=1).max(initial=0.0)
             # What a program carries: the tip itself and the words, rounded; the control moves X, Y, Z accordingly.
             q, w = np.round(p, DIGITS), np.round(w, DIGITS)
-            there, along = on_the_part(machine, nose_positions(machine, q, w).at(zero, LENGTH), w, zero)
+            there, along = on_the_part(machine, nose_positions(machine, q, w).at(zero, LENGTH), w, zero, LENGTH)
             low = np.linalg.norm(there - p, axis=1).max(initial=0.0)
             high = np.linalg.norm(there + FLUTE * along - p - FLUTE * d, axis=1).max(initial=0.0)
             errors = np.maximum(errors, 1000.0 * np.array([exact, low, high]))

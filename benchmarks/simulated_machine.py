@@ -1,8 +1,8 @@
-"""A machine that is driven in short steps of time: the fine integration that predicted times are held against.
+"""A machine by other means than posts have: where its axes put the tool, and how long it takes for a path.
 
-It shares the description of the machine with `postprocessors.kinematics.timing` (what an axis can, how corners are
-passed, that set points are averaged over a time), and none of its formulas: speeds are found by going back from the end
-of the path in short pieces, and the way is summed up.
+It shares the description of the machine with `postprocessors.kinematics` (how axes are stacked, what each can, how
+corners are passed, that set points are averaged over a time), and none of its formulas: rotations are SciPy's, speeds
+are found by going back from the end of the path in short pieces, and the way is summed up in short steps of time.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from postprocessors.machines.machine import Limits
+from postprocessors.machines.machine import Limits, Machine
 
 Array = npt.NDArray[np.float64]
 
@@ -21,6 +22,22 @@ STEP = 1e-4  # s
 PIECES = 20  # of each block
 CREEP = 1e-4  # least rate, so that a machine at rest gets going
 ARRIVED = 1e-6  # mm or degrees
+
+
+def on_the_part(machine: Machine, nose: Array, words: Array, zero: Array, length: float) -> tuple[Array, Array]:
+    """Tip and axis on the part, each (N, 3), from positions of all axes in the order the machine stacks them, mm."""
+    tip, axis = np.tile([0.0, 0.0, -length], (len(nose), 1)), np.tile([0.0, 0.0, 1.0], (len(nose), 1))
+    turns = [
+        (Rotation.from_rotvec(np.radians(rotary.sign * words[:, [k]]) * rotary.direction), rotary)
+        for k, rotary in enumerate(machine.rotary)
+    ]
+    # The spindle's own head axis turns first; of two tables, seen from the part, the outer one turns back first.
+    for carried_by, shift in (("head", nose), ("table", np.zeros(3))):
+        for turn, rotary in reversed(turns):
+            if rotary.carried_by == carried_by:
+                tip, axis = turn.apply(tip - rotary.pivot_mm) + rotary.pivot_mm, turn.apply(axis)
+        tip = tip + shift
+    return np.asarray(tip - zero), np.asarray(axis)
 
 
 class Drive(NamedTuple):

@@ -27,13 +27,11 @@ Array = npt.NDArray[np.float64]
 class Profile(NamedTuple):
     """How a path of N blocks is run, from rest to rest.
 
-    nominal (N,): seconds at programmed feeds; rate (N + 1,): share of them at the ends of blocks; change (N,): largest
-    change of the rate a second; seconds (N,): time of each block, before filtering; tail: seconds that filtering adds.
+    rate (N + 1,): share of the programmed feeds at the ends of blocks; seconds (N,): time of each block, before
+    filtering; tail: seconds that filtering adds.
     """
 
-    nominal: Array
     rate: Array
-    change: Array
     seconds: Array
     tail: float
 
@@ -69,7 +67,7 @@ def followed_seconds(axes: Array, seconds: Array, limits: Limits) -> Array:
     apart = 0.5 * (seconds[1:] + seconds[:-1])
     excess = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / apart
     at_nodes = np.concatenate([[1.0], 1.0 / np.sqrt(np.maximum(excess, 1.0)), [1.0]])
-    return _braked(speed, seconds, np.maximum(at_nodes[1:], at_nodes[:-1]), at_nodes, limits)[2]
+    return _braked(speed, seconds, np.maximum(at_nodes[1:], at_nodes[:-1]), at_nodes, limits)[1]
 
 
 def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:
@@ -85,18 +83,17 @@ def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:
     cap = np.minimum(1.0, 1.0 / np.maximum((np.abs(speed) / limits.speed).max(axis=1, initial=0.0), 1e-12))
     corner = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / max(tail, 1e-12)
     at_corner = np.minimum(np.minimum(cap[1:], cap[:-1]), 1.0 / np.maximum(corner, 1e-12))
-    rate, change, taken = _braked(speed, time, cap, np.concatenate([[0.0], at_corner, [0.0]]), limits)
+    rate, taken = _braked(speed, time, cap, np.concatenate([[0.0], at_corner, [0.0]]), limits)
 
-    seconds, changes = np.zeros(len(nominal)), np.full(len(nominal), np.inf)
-    seconds[moving], changes[moving] = taken, change
-    rates = np.zeros(len(nominal) + 1)
+    seconds, rates = np.zeros(len(nominal)), np.zeros(len(nominal) + 1)
+    seconds[moving] = taken
     if moving.any():
         rates[1:] = rate[np.cumsum(moving)]
-    return Profile(nominal, rates, changes, seconds, tail)
+    return Profile(rates, seconds, tail)
 
 
-def _braked(speed: Array, time: Array, cap: Array, at_nodes: Array, limits: Limits) -> tuple[Array, Array, Array]:
-    """Rates at the N + 1 ends of blocks, the change of the rate a second in each of N blocks, and their seconds.
+def _braked(speed: Array, time: Array, cap: Array, at_nodes: Array, limits: Limits) -> tuple[Array, Array]:
+    """Rates at the N + 1 ends of blocks, and the seconds that each of the N blocks takes.
 
     speed (N, 5) at rate 1; time (N,) at rate 1; cap (N,) and at_nodes (N + 1,): largest rates in and between blocks.
     """
@@ -110,4 +107,4 @@ def _braked(speed: Array, time: Array, cap: Array, at_nodes: Array, limits: Limi
     top = np.sqrt(np.minimum(cap**2, 0.5 * (rate[1:] ** 2 + rate[:-1] ** 2) + change * time))
     spent = (2.0 * top**2 - rate[1:] ** 2 - rate[:-1] ** 2) / (2.0 * change)
     taken = (2.0 * top - rate[1:] - rate[:-1]) / change + np.maximum(time - spent, 0.0) / top
-    return rate, change, np.asarray(taken)
+    return rate, np.asarray(taken)

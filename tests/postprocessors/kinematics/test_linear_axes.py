@@ -8,30 +8,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from benchmarks.simulated_machine import on_the_part
 from postprocessors.kinematics.linear_axes import nose_positions
 from postprocessors.kinematics.two_rotary import inverse
 from postprocessors.machines.machine import Machine, load_machine
 from tests.postprocessors.kinematics.test_two_rotary import directions, make, units
 
 POINTS = st.tuples(*[st.floats(-300.0, 300.0)] * 3)
-
-
-def on_the_part(machine: Machine, nose: np.ndarray, words: np.ndarray, zero: np.ndarray, length: float):
-    """Tip and axis on the part, from machine positions: rigid motions in the order in which the machine stacks them."""
-    tip, axis = np.tile([0.0, 0.0, -length], (len(nose), 1)), np.tile([0.0, 0.0, 1.0], (len(nose), 1))
-    turns = [
-        (Rotation.from_rotvec(np.radians(rotary.sign * words[:, [k]]) * rotary.direction), rotary)
-        for k, rotary in enumerate(machine.rotary)
-    ]
-    for turn, rotary in reversed(turns):
-        if rotary.carried_by == "head":
-            tip, axis = turn.apply(tip - rotary.pivot_mm) + rotary.pivot_mm, turn.apply(axis)
-    tip = tip + nose
-    # The table that carries the part stands on the other one: seen from the part, the outer one turns back first.
-    for turn, rotary in reversed(turns):
-        if rotary.carried_by == "table":
-            tip, axis = turn.apply(tip - rotary.pivot_mm) + rotary.pivot_mm, turn.apply(axis)
-    return tip - zero, axis
 
 
 def assert_round_trip(machine: Machine, tip: np.ndarray, axis: np.ndarray, zero: np.ndarray, length: float) -> None:

@@ -214,6 +214,6 @@ def test_out_of_range_and_unreachable_poses_are_named() -> None:
 
 def test_words_for_a_large_program_take_a_moment() -> None:
     axis = circle(35.0, 0.0, 3600.0, 100_000)
-    began = time.perf_counter()
+    began = time.process_time()
     choose_words(load_machine("ac-table"), [Run("s", axis)])
-    assert time.perf_counter() - began < 2.0
+    assert time.process_time() - began < 2.0
