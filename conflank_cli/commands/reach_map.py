@@ -105,6 +105,21 @@ def as_document(maps: Sequence[ReachMap]) -> str:
     return msgspec.json.encode({"units": {"length": "mm"}, "maps": content}).decode() + "\n"
 
 
+def picture_suffix(file: str) -> str:
+    """The suffix of a picture's file.
+
+    Raises
+    ------
+    UsageError: it is no picture format known here.
+    """
+    suffix = Path(file).suffix.lower()
+    if suffix not in FORMATS:
+        raise UsageError(
+            f"--picture {file}", f"suffix {suffix!r}", "one of " + ", ".join(FORMATS), "Rename the picture."
+        )
+    return suffix
+
+
 def draw(maps: Sequence[ReachMap], file: str) -> bytes:
     """The maps over (u, v), a row for each face and tool: colour from 0 to twice the tolerance, grey beyond.
 
@@ -112,11 +127,7 @@ def draw(maps: Sequence[ReachMap], file: str) -> bytes:
     ------
     UsageError: the file's suffix is no picture format known here.
     """
-    suffix = Path(file).suffix.lower()
-    if suffix not in FORMATS:
-        raise UsageError(
-            f"--picture {file}", f"suffix {suffix!r}", "one of " + ", ".join(FORMATS), "Rename the picture."
-        )
+    suffix = picture_suffix(file)
     # Half a second to import, and only pictures need it.
     import matplotlib
 

@@ -19,7 +19,8 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     """Run all stages of a job and verify the program.
 
     Writes candidates.npz, motions.npz, plan.npz, NAME.H and NAME.H.verification.json into DIR, all of them or none.
-    Exit code 1 means that the verification has findings; --json prints it with the names of the files.
+    Exit code 1 means that the verification has findings, or that something forbids every sweep: then there is no
+    program. --json prints the verification with the names of the files.
     """
     from pathlib import Path
 
@@ -28,19 +29,21 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.cad.scene import load_scene
     from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_output, write_output
     from conflank_cli.posting import post_program
+    from conflank_cli.verification.result import Verification
 
     start = time.perf_counter()
     job, folder = read_job(job_file)
     inputs = files_of(job_file, job, folder)
     out = Path(folder_out)
     program = f"{job.program.name}.{job.program.format.upper()}"
-    names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json")
+    names = ["candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json"]
     if out.exists():
         if not out.is_dir():
             raise UsageError(f"--out {out}", "a file", "a folder", "Name another.")
@@ -52,18 +55,19 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
 
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
-    plan, plan_summary = run_select(scene, motions, talk)
-    with talk.timed("post"):
-        text, _ = post_program(scene, plan)
-    verification = run_verify(text.encode("ascii"), program, scene, talk)
-
-    contents: tuple[bytes | str, ...] = (
+    plan, plan_summary, coverage = run_select(scene, motions, talk)
+    contents: list[bytes | str] = [
         encode_artifact("candidates", scene, candidates, candidates_summary),
         encode_artifact("motions", scene, motions, motions_summary),
-        encode_artifact("plan", scene, plan, plan_summary),
-        text,
-        verification.to_json().decode(),
-    )
+        encode_artifact("plan", scene, plan, plan_summary, coverage),
+    ]
+    verification: Verification | None = None
+    if plan:
+        with talk.timed("post"):
+            text, _ = post_program(scene, plan)
+        verification = run_verify(text.encode("ascii"), program, scene, talk)
+        contents += [text, verification.to_json().decode()]
+    names = names[: len(contents)]
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -71,9 +75,12 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     for name, content in zip(names, contents, strict=True):
         write_output(content, out / name, inputs)
 
-    talk.note(judgement(verification))
-    talk.note(f"program       {out / program}\ncomputed in   {time.perf_counter() - start:.1f} s")
+    if verification is None:
+        talk.note(summary_tables(plan_summary) + "\nno program    something forbids every sweep")
+    else:
+        talk.note(judgement(verification) + f"\nprogram       {out / program}")
+    talk.note(f"computed in   {time.perf_counter() - start:.1f} s")
     if as_json:
         summary = {"files": [str(out / name) for name in names], "verification": verification}
         click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
-    return EXIT_FINDINGS if verification.findings else EXIT_DONE
+    return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -43,9 +44,14 @@ def plate_scene(coverage: float = 1.0, allowance: float = 0.0) -> Scene:
     return replace(scene, job=job)
 
 
+def selected(scene: Scene, sweeps: list[Sweep], progress: SilentProgress) -> tuple[list[Sweep], dict[str, Any]]:
+    choice = select(scene, sweeps, progress)
+    return choice.plan, choice.summary
+
+
 def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> None:
     sweeps = [strip(10.0), strip(0.0), strip(20.0)]
-    plan, summary = select(plate_scene(), sweeps, SilentProgress())
+    plan, summary = selected(plate_scene(), sweeps, SilentProgress())
     assert sorted(float(sweep.motion.p[0, 1]) for sweep in plan) == [0.0, 20.0]
     assert summary["coverage"] == pytest.approx(1.0, abs=1e-12)
     assert summary["sweeps"] == 2 and summary["screened"] == 3 and summary["rejected"] == 0
@@ -64,7 +70,7 @@ def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> N
 
 def test_coverage_and_mean_gap_are_those_of_the_plan() -> None:
     """A strip that is lifted from 0 to 20 µm on its way covers half of its length, with 5 µm on average."""
-    plan, summary = select(plate_scene(), [strip(0.0, (0.0, WIDTH), turn=0.020)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, (0.0, WIDTH), turn=0.020)], SilentProgress())
     (sweep,) = plan
     # The tool stands square to the plane along its contact, so that g(x) is the lift at x.
     half = 0.5 * WIDTH * FLUTE
@@ -89,7 +95,7 @@ def test_coverage_and_mean_gap_are_those_of_the_plan() -> None:
 def test_overcut_beyond_the_tolerance_is_rejected(allowance: float) -> None:
     """20 µm too deep from end to end; an allowance raises what counts as too deep."""
     deep, good = strip(0.0, off=allowance - 0.020), strip(20.0, off=allowance)
-    plan, summary = select(plate_scene(allowance=allowance), [deep, good], SilentProgress())
+    plan, summary = selected(plate_scene(allowance=allowance), [deep, good], SilentProgress())
     assert [float(sweep.motion.p[0, 1]) for sweep in plan] == [20.0]
     assert summary["rejected"] == 1
     assert summary["coverage"] == pytest.approx(0.5, abs=0.02)
@@ -106,7 +112,7 @@ def test_large_allowance_is_judged_as_finely_as_none() -> None:
     for allowance in (0.0, 0.5):
         p = np.stack([greville * WIDTH, np.full(6, 20.1), np.full(6, 3.0 + allowance)], axis=1)
         sweep = Sweep(0, "C", Motion(knots, p, p + np.array([0.0, 0.0, FLUTE])), {})
-        plan, _ = select(plate_scene(0.01, allowance), [sweep], SilentProgress())
+        plan, _ = selected(plate_scene(0.01, allowance), [sweep], SilentProgress())
         results.append(sum(chosen.facts["covered_area_mm2"] for chosen in plan))
     # 9.5 µm is left up to 0.24 mm from the middle: one row of samples.
     assert results[0] > 20.0
@@ -114,19 +120,19 @@ def test_large_allowance_is_judged_as_finely_as_none() -> None:
 
 
 def test_more_accurate_of_equal_sweeps() -> None:
-    plan, summary = select(plate_scene(), [strip(0.0, off=0.004), strip(0.0)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, off=0.004), strip(0.0)], SilentProgress())
     assert len(plan) == 1
     assert summary["gap_mean_abs_um"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_enough_is_enough() -> None:
-    plan, summary = select(plate_scene(0.45), [strip(0.0), strip(20.0)], SilentProgress())
+    plan, summary = selected(plate_scene(0.45), [strip(0.0), strip(20.0)], SilentProgress())
     assert len(plan) == 1
     assert summary["coverage"] == pytest.approx(0.5, abs=0.02)
 
 
 def test_nothing_to_select_from() -> None:
-    plan, summary = select(plate_scene(), [], SilentProgress())
+    plan, summary = selected(plate_scene(), [], SilentProgress())
     assert plan == []
     assert summary["coverage"] == 0.0
     assert summary["gap_mean_abs_um"] is None
@@ -134,7 +140,7 @@ def test_nothing_to_select_from() -> None:
 
 
 def test_nothing_fits() -> None:
-    plan, summary = select(plate_scene(), [strip(0.0, off=-1.0)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, off=-1.0)], SilentProgress())
     assert plan == []
     assert summary["rejected"] == summary["screened"] == 1
     assert summary["coverage"] == 0.0
