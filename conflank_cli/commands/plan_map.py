@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from conflank_cli.commands.reach_map import DPI, FORMATS, picture_suffix
+from conflank_cli.commands.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.commands.tables import text_table
 from conflank_cli.coverage import REASON_WORDS, FaceCoverage, Reason
 from conflank_cli.scene import Scene
@@ -70,8 +70,7 @@ def as_document(summary: Mapping[str, Any], sweeps: Sequence[Sweep], scene: Scen
         "units": {"length": "mm"},
         "summary": summary,
         "plan": [
-            {"face": scene.faces[sweep.face].number, "tool": sweep.tool, "facts": dict(sweep.facts)}
-            for sweep in sweeps
+            {"face": scene.faces[sweep.face].number, "tool": sweep.tool, "facts": dict(sweep.facts)} for sweep in sweeps
         ],
     }
     return msgspec.json.format(msgspec.json.encode(content)).decode() + "\n"
@@ -95,7 +94,7 @@ def draw(scene: Scene, sweeps: Sequence[Sweep], coverage: Sequence[FaceCoverage]
     figure, panels = plt.subplots(
         1, len(coverage), figsize=(PANEL * len(coverage) + 2.6, PANEL), squeeze=False, layout="constrained"
     )
-    colours = plt.get_cmap("tab20").colors
+    colours = plt.get_cmap("tab20")(np.arange(20))[:, :3]
     handles = []
     for index, (panel, design, points) in enumerate(zip(panels[0], scene.faces, coverage, strict=True)):
         shade = np.ones((len(points.areas), 3))

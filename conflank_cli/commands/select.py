@@ -12,7 +12,9 @@ from conflank_cli.options import Talk
 @options.source("MOTIONS")
 @options.output("the plan (NPZ)")
 @options.job_override("[selection] and all tables after it")
-@click.option("--picture", metavar="FILE", help="Draw what covers what, and why the rest is left, to FILE (PNG, SVG or PDF).")
+@click.option(
+    "--picture", metavar="FILE", help="Draw what covers what, and why the rest is left, to FILE (PNG, SVG or PDF)."
+)
 @options.as_json
 @options.common
 def select(source: str, output: str, job_file: str | None, picture: str | None, as_json: bool, talk: Talk) -> int:
@@ -24,8 +26,8 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
     """
     from conflank_cli.artifacts import read_artifact, write_artifact
     from conflank_cli.commands.inputs import override
+    from conflank_cli.commands.picture_file import picture_suffix
     from conflank_cli.commands.plan_map import as_document, draw, summary_tables
-    from conflank_cli.commands.reach_map import picture_suffix
     from conflank_cli.commands.stages import run_select
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.output import STANDARD, check_output, write_output

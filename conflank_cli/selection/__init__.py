@@ -7,6 +7,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -224,12 +225,13 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             able.append(own)
             results.append(replace(result, certificates=[certificates[id(item)] for item in chosen.items]))
 
-        lost = [
-            [] if result.share >= 1.0 - 1e-12 else
-            [each for found in pool.map(losses, *zip(*own, strict=True)) for each in found]
-            if (own := [item for item in cut_off if item[0].face == index]) else []
-            for index, result in enumerate(results)
-        ]  # fmt: skip
+        lost: list[list[Lost]] = []
+        for index, result in enumerate(results):
+            lost.append([])
+            if (result.sweep < 0).any():
+                of_face = [item for item in cut_off if item[0].face == index]
+                for found in pool.map(lambda item: losses(*item), of_face):
+                    lost[-1].extend(found)
         remainders = [
             why_left(
                 scene, index, face.fine, result.sweep >= 0, face.coarse,
@@ -334,7 +336,7 @@ def _finished(
         "screened": screened,
         "rejected": screened - kept,
         "sweeps": len(plan),
-        "tool_changes": max(sum(a.tool != b.tool for a, b in zip(plan, plan[1:], strict=False)), 0),
+        "tool_changes": sum(a.tool != b.tool for a, b in pairwise(plan)),
     }
     return Choice(plan, summary, coverage)
 

@@ -71,7 +71,12 @@ class Candidate:
         middle = 0.5 * (p + q)
         minutes = (travel(sweep.motion) + 2.0 * clearance) / tool.feed_mm_min
         return cls(
-            sweep, gap, covered, 60.0 * minutes + LINK_SECONDS, _unit(middle[-1] - middle[0]), _unit((q - p).sum(axis=0))
+            sweep,
+            gap,
+            covered,
+            60.0 * minutes + LINK_SECONDS,
+            _unit(middle[-1] - middle[0]),
+            _unit((q - p).sum(axis=0)),
         )
 
 
@@ -128,7 +133,7 @@ def choose(
     own = np.flatnonzero(covers @ areas >= LEAST_GAIN * areas.sum())
     if not len(own):
         return Chosen([], 0.0, 0.0, 0.0, 0.0)
-    items, covers = [items[k] for k in own], covers[own]
+    items, covers = [items[int(k)] for k in own], covers[own]
     gaps = np.array([item.gap for item in items])
     errors = mean_errors(covers, gaps, areas)
     start = time.monotonic()
@@ -144,8 +149,8 @@ def choose(
         # The quickest with one tool alone, too: a greedy choice does not see what a change costs later.
         for row in tools:
             index = np.flatnonzero(row)
-            found = greedy_cover(covers[index], areas, errors[index], target, LEAST_GAIN, prices=times[index])
-            starts.append([int(index[k]) for k in found])
+            alone = greedy_cover(covers[index], areas, errors[index], target, LEAST_GAIN, prices=times[index])
+            starts.append([int(index[k]) for k in alone])
     goal = min(target, max(share_covered(covers, areas, chosen) for chosen in starts))
     reaching = [chosen for chosen in starts if share_covered(covers, areas, chosen) >= goal]
     incumbent = min(reaching, key=lambda chosen: price.of(chosen, 0.0))

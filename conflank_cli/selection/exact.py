@@ -318,7 +318,7 @@ class _Model:
 
 
 def _blocks(cells: IntArray, sizes: IntArray, covers: BoolArray) -> IntArray:
-    """Number of the block of each point (N,); points that are alone are taken together where the same sets cover them."""
+    """Number of the block of each point (N,); single points are taken together where the same sets cover them."""
     key = np.column_stack([sizes, cells // sizes[:, None], np.zeros(len(sizes), dtype=np.int64)])
     alone = np.flatnonzero(sizes == 1)
     if len(alone):

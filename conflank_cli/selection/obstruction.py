@@ -137,7 +137,5 @@ def _to_section(z: Array, r: Array, low: float, high: float, r_low: float, r_hig
     inside = np.maximum(np.maximum(low - z, z - high), beside)
     share = np.clip(((z - low) * slope[0] + (r - r_low) * slope[1]) / length**2, 0.0, 1.0)
     flank = np.hypot(z - low - share * slope[0], r - r_low - share * slope[1])
-    discs = [
-        np.hypot(z - height, np.maximum(r - radius, 0.0)) for height, radius in ((low, r_low), (high, r_high))
-    ]
-    return np.where(inside <= 0.0, inside, np.minimum(flank, np.minimum(*discs)))
+    discs = [np.hypot(z - height, np.maximum(r - radius, 0.0)) for height, radius in ((low, r_low), (high, r_high))]
+    return np.asarray(np.where(inside <= 0.0, inside, np.minimum(flank, np.minimum(*discs))))

@@ -1,4 +1,4 @@
-"""The order of cuts: from the tip of a blade to its hub, both sides of a thin blade in turn, tools together, short links.
+"""The order of cuts: from the tip of a blade to its hub, sides of a thin blade in turn, tools together, short links.
 
 A blade is stiff where metal still stands around it. So what is far from the hub is cut before what is near it, while
 the blade below has its stock; and a thin blade is cut on both sides level by level, so that neither side is left to
@@ -120,7 +120,9 @@ def _heights(scene: Scene, samples: Sequence[FaceSamples]) -> tuple[list[Array] 
     if copies.count > 1:
         axis = np.asarray(copies.axis) / np.linalg.norm(copies.axis)
         across = [sample.points - (sample.points @ axis)[:, None] * axis for sample in samples]
-        return [np.linalg.norm(x, axis=1) for x in across], "from tip to hub by the distance from the axis of the copies"
+        return [
+            np.linalg.norm(x, axis=1) for x in across
+        ], "from tip to hub by the distance from the axis of the copies"
     triangles = scene.check.triangles[scene.check.face >= 0]
     corners = scene.check.vertices[triangles]
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -1,9 +1,9 @@
-"""Why a plan leaves what it leaves: point by point, from what candidates would have covered and what lines would fit."""
+"""Why a plan leaves what it leaves, point by point: what candidates would have covered, what lines would fit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,9 +47,7 @@ class Lost:
     @classmethod
     def to(cls, obstruction: Obstruction, covered: BoolArray) -> Lost:
         """Lost to what forbids the motion."""
-        return cls(
-            Reason.MACHINE if obstruction.component == MACHINE else Reason.COLLISION, obstruction, covered
-        )
+        return cls(Reason.MACHINE if obstruction.component == MACHINE else Reason.COLLISION, obstruction, covered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +145,7 @@ def _by_lines(
         spacing = face.spacing(LINE_POINTS)
         samples = face.samples(spacing)
         close = cKDTree(places).query(samples.points, distance_upper_bound=NEAR * spacing)[0] < np.inf
-        samples = FaceSamples(*(getattr(samples, name)[close] for name in PER_SAMPLE), samples.shape)
+        samples = replace(samples, **{name: getattr(samples, name)[close] for name in PER_SAMPLE})
         if not len(samples.areas):
             continue
         found = reachability(face, tool, samples, tolerance.allowance)
@@ -161,8 +159,8 @@ def _by_lines(
             hit = there & (best == Reason.NO_LINE)
             best[hit] = Lost.to(what, np.zeros(0, dtype=np.bool_)).reason
             for k in np.flatnonzero(hit):
-                by[k] = what
-    for k, what in enumerate(by):
-        if what is not None and best[k] != Reason.NO_SWEEP:
-            obstructions[what] = obstructions.get(what, 0.0) + float(areas[k])
+                by[int(k)] = what
+    for at, forbidding in enumerate(by):
+        if forbidding is not None and best[at] != Reason.NO_SWEEP:
+            obstructions[forbidding] = obstructions.get(forbidding, 0.0) + float(areas[at])
     return best
