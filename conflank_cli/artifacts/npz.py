@@ -283,7 +283,7 @@ def decode_artifact(
 
 
 def decode_coverage(data: bytes, where: str) -> tuple[FaceCoverage, ...]:
-    """What a plan covers of each design face, from the bytes of an artifact after all checks; none where it has none."""
+    """What a plan covers of each design face, from the bytes of an artifact; none where it has none."""
     _, scene, _, _ = decode_artifact(data, where, "plan")
     arrays = _load_arrays(data, where, "plan")
     if "face0_coverage_uv" not in arrays:
