@@ -6,7 +6,6 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.geometry.certificate import Certificate, certify
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
@@ -24,7 +24,7 @@ from conflank_cli.motion import DEGREE, Motion
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.selection.choice import SECONDS, Candidate, Chosen, choose
-from conflank_cli.selection.obstruction import Obstacles
+from conflank_cli.selection.obstruction import obstruction_of
 from conflank_cli.selection.order import Cut, in_order
 from conflank_cli.selection.remainder import POINTS as SPARSE_POINTS
 from conflank_cli.selection.remainder import Lost, Remainder, why_left
@@ -92,7 +92,8 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
     """Choose sweeps for every face in turn, and put them in cutting order.
 
     A sweep is trimmed to its longest stretch without overcut or collision, then judged by its swept gap on points of
-    its face; what is chosen has a certificate that it overcuts nowhere, not only at points.
+    its face. What is chosen is held against whole triangles, between its poses too, and trimmed again where it must be,
+    and has a certificate that it overcuts nowhere, not only at points.
     """
     job = scene.job
     tolerance = job.tolerance
@@ -102,10 +103,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
     tools = {tool.name: tool for tool in scene.tools}
     faces = [_Face.of(WorkFace.of(design, 0.0)) for design in scene.faces]
     screen = Screen.of(scene)
-
-    @cache
-    def obstacles() -> Obstacles:
-        return Obstacles.of(scene, screen)
+    collider = Collider.of(scene)
 
     def within(sweep: Sweep, samples: FaceSamples) -> BoolArray:
         gap = motion_gap(sweep.motion, tools[sweep.tool], samples.points, tolerance.allowance)[0]
@@ -152,13 +150,20 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
         areas = faces[sweep.face].coarse.areas
         return max(able, key=lambda item: float(areas[item.covered].sum()), default=None), before
 
+    def without_collision(item: Candidate) -> Candidate | None:
+        """The same item where nothing is hit, else what is left of it."""
+        motion = collider.allowed(item.sweep.motion, tools[item.sweep.tool])
+        if motion is None or motion is item.sweep.motion:
+            return item if motion is not None else None
+        return judged(replace(item.sweep, motion=motion))[0]
+
     def losses(sweep: Sweep, kept: Candidate | None, before: list[Sweep]) -> list[Lost]:
         sparse = faces[sweep.face].sparse
         rest = np.zeros(len(sparse.areas), dtype=np.bool_) if kept is None else within(kept.sweep, sparse)
         found = []
         for more in reversed(before):
             covered = within(more, sparse)
-            what = obstacles().obstruction(more.motion, tools[sweep.tool]) if more is sweep else None
+            what = obstruction_of(collider, more.motion, tools[sweep.tool]) if more is sweep else None
             lost = covered & ~rest
             found.append(Lost(Reason.OVERCUT, None, lost) if what is None else Lost.to(what, lost))
             rest |= covered
@@ -190,23 +195,31 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             own = [item for item in kept if item.sweep.face == index]
             at_hand = {item.sweep.tool for result in results for item in result.chosen.items}
             target = job.selection.coverage
-            certificates: dict[int, Certificate] = {}
-            gaps: dict[int, Array] = {}
+            certificates: dict[Candidate, Certificate] = {}
+            cleared: set[Candidate] = set()
+            gaps: dict[Candidate, Array] = {}
             end = time.monotonic() + SECONDS
             raises, exact = 0, False
             while True:
                 left = max(end - time.monotonic(), 1.0)
                 chosen = choose(own, face.coarse.areas, face.coarse.cell, job, at_hand, target, left, exact=exact)
+                new = [item for item in chosen.items if item not in cleared]
+                rest = dict(zip(new, pool.map(without_collision, new), strict=True))
+                cleared |= {item for item in rest.values() if item is not None}
+                hit = [item for item in new if rest[item] is not item]
+                if hit:
+                    cut_off.extend((item.sweep, rest[item], [item.sweep]) for item in hit)
+                    own = [item for item in (rest.get(item, item) for item in own) if item is not None]
+                    continue
                 # A spot of overcut can hide between the points of the choice, but not from the certificate.
-                new = [item for item in chosen.items if id(item) not in certificates]
-                certificates |= {id(item): found for item, found in zip(new, pool.map(certificate, new), strict=True)}
-                gaps |= {id(item): found for item, found in zip(new, pool.map(fine_gap, new), strict=True)}
-                gouging = [item for item in chosen.items if certificates[id(item)].overcut > over]
+                new = [item for item in chosen.items if item not in certificates]
+                certificates |= {item: found for item, found in zip(new, pool.map(certificate, new), strict=True)}
+                gaps |= {item: found for item, found in zip(new, pool.map(fine_gap, new), strict=True)}
+                gouging = [item for item in chosen.items if certificates[item].overcut > over]
                 if gouging:
-                    away = {id(item) for item in gouging}
-                    own = [item for item in own if id(item) not in away]
+                    own = [item for item in own if item not in gouging]
                     for item in gouging:
-                        instead = raised(item.sweep, certificates[id(item)].overcut - over)
+                        instead = raised(item.sweep, certificates[item].overcut - over)
                         if instead is None:
                             cut_off.append((item.sweep, None, [replace(item.sweep)]))
                         else:
@@ -216,14 +229,14 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
                     # Most of what gouges shows itself while choosing is quick.
                     exact, end = True, time.monotonic() + SECONDS
                     continue
-                result = _Result.of(face, chosen, [gaps[id(item)] for item in chosen.items], under)
+                result = _Result.of(face, chosen, [gaps[item] for item in chosen.items], under)
                 short = job.selection.coverage - result.share
                 if chosen.goal < target or short <= 0.0 or raises == RAISES:
                     break
                 raises += 1
                 target = min(target + 1.05 * short, 1.0)
             able.append(own)
-            results.append(replace(result, certificates=[certificates[id(item)] for item in chosen.items]))
+            results.append(replace(result, certificates=[certificates[item] for item in chosen.items]))
 
         lost: list[list[Lost]] = []
         for index, result in enumerate(results):
@@ -235,7 +248,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
         remainders = [
             why_left(
                 scene, index, face.fine, result.sweep >= 0, face.coarse,
-                able[index], face.sparse, lost[index], obstacles,
+                able[index], face.sparse, lost[index], collider,
             )
             for index, (face, result) in enumerate(zip(faces, results, strict=True))
         ]  # fmt: skip

@@ -44,9 +44,9 @@ TIME_STEP = 0.1
 TOOL_CHANGE_SECONDS, LINK_SECONDS = 10.0, 3.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A sweep that may be cut.
+    """A sweep that may be cut, told apart by identity.
 
     Attributes
     ----------

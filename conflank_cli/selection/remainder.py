@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 
 from conflank_cli.coverage import Reason
 from conflank_cli.detection.reachability import reachability
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.scene import Scene
 from conflank_cli.selection.choice import LEAST_GAIN, Candidate
-from conflank_cli.selection.obstruction import MACHINE, Obstacles, Obstruction
+from conflank_cli.selection.obstruction import MACHINE, Obstruction, obstruction_at
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -73,7 +74,7 @@ def why_left(
     candidates: Sequence[Candidate],
     sparse: FaceSamples,
     lost: Sequence[Lost],
-    obstacles: Callable[[], Obstacles],
+    collider: Collider,
 ) -> Remainder:
     """The reason why each point of a face is left.
 
@@ -87,7 +88,7 @@ def why_left(
     fine, covered: points that the reason is asked for, and which of them the plan covers.
     coarse, candidates: points of the candidates' gaps, and the candidates.
     sparse, lost: points of what was lost, and that.
-    obstacles: makes what lines are held against; called only if there is need.
+    collider: what lines are held against.
     """
     reason = np.full(len(fine.areas), int(Reason.COVERED), dtype=np.int64)
     left = np.flatnonzero(~covered)
@@ -121,7 +122,7 @@ def why_left(
 
     open_ = np.flatnonzero(why < 0)
     if len(open_):
-        found = _by_lines(scene, index, places[open_], areas[open_], obstructions, obstacles)
+        found = _by_lines(scene, index, places[open_], areas[open_], obstructions, collider)
         why[open_] = found
     reason[left] = why
     return Remainder(reason, dict(sorted(obstructions.items(), key=lambda item: (-item[1], item[0]))))
@@ -133,7 +134,7 @@ def _by_lines(
     places: Array,
     areas: Array,
     obstructions: dict[Obstruction, float],
-    obstacles: Callable[[], Obstacles],
+    collider: Collider,
 ) -> IntArray:
     """Reasons at places (M, 3) that no candidate covers: whether a line fits, and what is in its way."""
     tolerance = scene.job.tolerance
@@ -152,7 +153,7 @@ def _by_lines(
         near = cKDTree(samples.points).query(places)[1]
         for n in np.unique(near[found.error[near] <= limit]):
             there = near == n
-            what = obstacles().at(found.p[n][None], found.d[n][None], tool, SLACK)
+            what = obstruction_at(collider, found.p[n][None], found.d[n][None], tool, SLACK)
             if what is None:
                 best[there] = Reason.NO_SWEEP
                 continue

@@ -56,7 +56,10 @@ def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> N
     assert summary["coverage"] == pytest.approx(1.0, abs=1e-12)
     assert summary["sweeps"] == 2 and summary["screened"] == 3 and summary["rejected"] == 0
     assert summary["gap_mean_abs_um"] == pytest.approx(0.0, abs=1e-6)
-    assert summary["faces"] == [{"face": 0, "coverage": pytest.approx(1.0), "sweeps": 2}]
+    (face,) = summary["faces"]
+    assert (face["face"], face["sweeps"], face["coverage"]) == (0, 2, pytest.approx(1.0))
+    assert (face["price"], face["greedy"], face["bound"], face["gap"]) == (2.0, 3.0, 2.0, 0.0)
+    assert face["left_mm2"] == face["in_the_way_mm2"] == {}
     for sweep in plan:
         assert sweep.facts["lines"] == 7.0  # what stages before have measured stays
         assert sweep.facts["length_mm"] == pytest.approx(WIDTH + 6.0, abs=1e-6)
@@ -136,7 +139,10 @@ def test_nothing_to_select_from() -> None:
     assert plan == []
     assert summary["coverage"] == 0.0
     assert summary["gap_mean_abs_um"] is None
-    assert summary["faces"] == [{"face": 0, "coverage": 0.0, "sweeps": 0}]
+    (face,) = summary["faces"]
+    assert (face["face"], face["coverage"], face["sweeps"]) == (0, 0.0, 0)
+    # Lines of a cylinder fit a plane everywhere.
+    assert face["left_mm2"] == {"no_sweep": pytest.approx(WIDTH * HEIGHT)}
 
 
 def test_nothing_fits() -> None:
