@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.copies import seen_from_first
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.face_mesh import face_mesh, mesh_sags, open_edges
 from conflank_cli.geometry.gap import polynomials_of, travel
@@ -182,6 +183,7 @@ class Collider:
     @classmethod
     def of(cls, scene: Scene) -> Collider:
         """All bodies of a scene with the margins of its job."""
+        scene = seen_from_first(scene)
         job = scene.job
         over, allowance, margin = job.tolerance.overcut, job.tolerance.allowance, job.obstacles.margin
         bodies = []

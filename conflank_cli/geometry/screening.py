@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.copies import seen_from_first
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.gap import travel
 from conflank_cli.geometry.kernels.clearance import assembly_slack, assembly_slack_parallel
@@ -152,6 +153,7 @@ class Screen:
     @classmethod
     def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
         """The screen of a job, with points about `spacing` mm apart."""
+        scene = seen_from_first(scene)
         faces = [WorkFace.of(design, 0.0) for design in scene.faces]
         points = np.concatenate(
             [part for face in faces for part in (face.samples(spacing).points, face.border(spacing))]

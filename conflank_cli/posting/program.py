@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.copies import over_copies
 from conflank_cli.errors import InputError
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
-from conflank_cli.machine_frame import Frame, machine_of
+from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
 from conflank_cli.posting.feeds import contact_feed
 from conflank_cli.posting.links import SafePlane, away_directions, clearest, hull_points, is_climb
 from conflank_cli.posting.ride import Ride
@@ -68,7 +70,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     Parameters
     ----------
     scene: the job, its faces and tools.
-    sweeps: what to cut; cut k of the path is sweeps[k - 1].
+    sweeps: what to cut on each copy; without copies cut k of the path is sweeps[k - 1].
     machine: its rotary words are one of the two interpolations that the spacing of blocks must bear.
 
     Raises
@@ -84,19 +86,21 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     screen, collider = Screen.of(scene), Collider.of(scene)
     program = scene.job.program
     projectors = [Projector.of(face.surface) for face in scene.faces]
-    hull = frame.points(hull_points(scene, projectors))
+    copies = scene.job.setup.copies
+    standing = hull_points(scene, projectors)
+    hull = np.vstack([frame.turned(copy_rotation(copies, number)).points(standing) for number in copies.order])
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
     rides, ends = [], []
-    for number, sweep in enumerate(sweeps, start=1):
+    for number, (sweep, rotation) in enumerate(over_copies(copies, sweeps), start=1):
         if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
             found = f"tool {sweep.tool}, face {sweep.face}"
             raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
-        ride = Ride(sweep.motion, tools[sweep.tool], frame)
+        ride = Ride(sweep.motion, tools[sweep.tool], frame.turned(rotation))
         away = away_directions(ride, projectors[sweep.face], scene.faces[sweep.face].sense)
         if program.cutting != "both" and is_climb(ride, away) != (program.cutting == "climb"):
-            ride, away = Ride(sweep.motion, ride.tool, frame, backwards=True), away[::-1]
+            ride, away = replace(ride, backwards=True), away[::-1]
         rides.append(ride)
         ends.append((away[0], away[-1]))
     times = space_blocks(rides, machine)

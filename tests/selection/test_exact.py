@@ -19,7 +19,7 @@ def boxes(rng: np.random.Generator, count: int) -> np.ndarray:
     """Sets (count, SIDE²) that are rectangles of the grid, as patches on a face are."""
     low = rng.integers(0, SIDE - 2, (count, 2))
     size = rng.integers(2, SIDE, (count, 2))
-    inside = (CELLS >= low[:, None]) & (CELLS < (low + size)[:, None])
+    inside = (low[:, None] <= CELLS) & ((low + size)[:, None] > CELLS)
     return np.asarray(inside.all(axis=2))
 
 

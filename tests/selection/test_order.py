@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -135,7 +136,7 @@ def test_cutting_both_ways_makes_the_links_short() -> None:
     scene = scene_with(HUB, thickness=30.0, cutting="both")
     _, sweeps, _ = ordered(scene, [cut(scene, 0, 30.0), cut(scene, 0, 15.0), cut(scene, 0, 0.0)])
     ends = [sweep.motion.ends([0.0, 1.0])[0][:, 0] for sweep in sweeps]
-    assert all(one[1] == pytest.approx(other[0]) for one, other in zip(ends, ends[1:], strict=False))
+    assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(ends))
 
 
 def test_reversed_motion_is_the_same_motion() -> None:
