@@ -55,28 +55,39 @@ def moves_by_copy(by_copy: Sequence[Poses], tools: Sequence[Tool | None], surfac
     """For each copy the moves (N,) that belong to it.
 
     A cut belongs to the copy whose design faces (points on them (P, 3) in `surface`) its axes are nearest to, at half
-    the height of the cutter; ways between cuts to both of the copies that they lead from and to.
+    the height of the cutter. On a way between cuts that leads to another copy a move belongs to the one that it is
+    nearer to at its beginning and to the one that it is nearer to at its end.
 
     by_copy: the poses as each copy sees them.
     """
     moves = by_copy[0].moves
     tree = cKDTree(surface)
     cuts = moves.cut
+    heights = np.array([0.0 if tool is None else 0.5 * tool.length for tool in tools] + [0.0])[moves.tool]
+
+    def away(poses: Poses, chosen: Integers) -> Array:
+        return np.asarray(tree.query(poses.tip[chosen] + heights[chosen, None] * poses.axis[chosen])[0])
+
     owner = np.full(int(cuts.max(initial=-1)) + 1, -1, dtype=np.int64)
     for cut in np.unique(cuts[cuts >= 0]):
         own = np.flatnonzero(cuts == cut)
         some = own[np.linspace(0, len(own) - 1, _POSES).astype(np.int64)]
-        tool = tools[int(moves.tool[own[0]])] if moves.tool[own[0]] >= 0 else None
-        height = 0.0 if tool is None else 0.5 * tool.length
-        away = [tree.query(poses.tip[some] + height * poses.axis[some])[0].mean() for poses in by_copy]
-        owner[cut] = int(np.argmin(away))
+        owner[cut] = int(np.argmin([away(poses, some).mean() for poses in by_copy]))
     known = np.flatnonzero(cuts >= 0)
     if not len(known):
         return [np.ones(len(cuts), dtype=np.bool_) for _ in by_copy]
-    place = np.searchsorted(known, np.arange(len(cuts)), side="right")
-    before = owner[cuts[known[np.maximum(place - 1, 0)]]]
-    after = owner[cuts[known[np.minimum(np.searchsorted(known, np.arange(len(cuts))), len(known) - 1)]]]
-    return [(before == copy) | (after == copy) for copy in range(len(by_copy))]
+    every = np.arange(len(cuts))
+    before = owner[cuts[known[np.maximum(np.searchsorted(known, every, side="right") - 1, 0)]]]
+    after = owner[cuts[known[np.minimum(np.searchsorted(known, every), len(known) - 1)]]]
+    ends = before.copy()
+    way = np.flatnonzero(before != after)
+    if len(way):
+        distance = np.stack([away(poses, way) for poses in by_copy])
+        row = np.arange(len(way))
+        nearer = distance[after[way], row] < distance[before[way], row]
+        ends[way] = np.where(nearer, after[way], before[way])
+    begins = np.where(moves.joined, np.concatenate([ends[:1], ends[:-1]]), ends)
+    return [(ends == copy) | (begins == copy) for copy in range(len(by_copy))]
 
 
 def joined(each: Sequence[Verification], copies: Copies, findings: Sequence[Finding]) -> Verification:

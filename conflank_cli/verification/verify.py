@@ -522,8 +522,8 @@ def verify_program(text: str, scene: Scene, name: str = "", points_per_face: int
 
     Returns
     -------
-    The judgement, of all copies together where the job's [setup] has several. It never repairs, and it takes nothing for
-    known that the text does not say: what it had to take from the job instead is a finding.
+    The judgement, of all copies together where the job's [setup] has several. It never repairs, and it takes nothing
+    for known that the text does not say: what it had to take from the job instead is a finding.
     """
     program = read_program(text)
     findings = list(program.findings)
@@ -566,7 +566,7 @@ def _judge(
     points_per_face: int,
     owned: npt.NDArray[np.bool_] | None = None,
 ) -> Verification:
-    """Judge poses on the faces of a scene. `owned`: the moves (N,) that are held against what is around; all if None."""
+    """Judge poses on the faces of a scene. `owned`: moves (N,) that are held against what is around; all if None."""
     tolerance = scene.job.tolerance
     moves: Moves = poses.moves
     stretches = _stretches(poses, tools)
