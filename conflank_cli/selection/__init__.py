@@ -332,6 +332,7 @@ def _finished(
                 "objective": scene.job.selection.objective,
                 "price": result.chosen.price,
                 "greedy": result.chosen.greedy,
+                "greedy_coverage": result.chosen.greedy_share,
                 "bound": result.chosen.bound,
                 "gap": result.chosen.gap,
                 "left_mm2": {

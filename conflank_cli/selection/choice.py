@@ -87,7 +87,7 @@ class Chosen:
     Attributes
     ----------
     items: the sweeps.
-    greedy: how many sweeps the greedy cover of the paper has; its time in s where that counts.
+    greedy: how many sweeps the greedy cover of the paper has; its time in s where that counts. And the share it covers.
     price: number of sweeps, or their time in s with the tools that are added.
     bound: no cover by these sweeps that reaches as much has a lower price.
     goal: share of the area that was to be reached.
@@ -95,6 +95,7 @@ class Chosen:
 
     items: list[Candidate]
     greedy: float
+    greedy_share: float
     price: float
     bound: float
     goal: float
@@ -132,7 +133,7 @@ def choose(
     covers = np.array([item.covered for item in items]).reshape(len(items), len(areas))
     own = np.flatnonzero(covers @ areas >= LEAST_GAIN * areas.sum())
     if not len(own):
-        return Chosen([], 0.0, 0.0, 0.0, 0.0)
+        return Chosen([], 0.0, 0.0, 0.0, 0.0, 0.0)
     items, covers = [items[int(k)] for k in own], covers[own]
     gaps = np.array([item.gap for item in items])
     errors = mean_errors(covers, gaps, areas)
@@ -154,8 +155,9 @@ def choose(
     goal = min(target, max(share_covered(covers, areas, chosen) for chosen in starts))
     reaching = [chosen for chosen in starts if share_covered(covers, areas, chosen) >= goal]
     incumbent = min(reaching, key=lambda chosen: price.of(chosen, 0.0))
+    greedy = price.of(first, 0.0), share_covered(covers, areas, first)
     if not exact:
-        return Chosen([items[k] for k in incumbent], price.of(first, 0.0), price.of(incumbent, 0.0), 0.0, goal)
+        return Chosen([items[k] for k in incumbent], *greedy, price.of(incumbent, 0.0), 0.0, goal)
     step = TIME_STEP if timed else 1.0
     left = seconds - (time.monotonic() - start)
     found = exact_cover(covers, areas, cells, goal, price, incumbent, step, max(left, 1.0))
@@ -167,7 +169,7 @@ def choose(
         tie = _ties(items, covers, areas, errors, tools, change, 0.5 * (job.tolerance.overcut + job.tolerance.undercut))
         more = exact_cover(covers, areas, cells, goal_kept, tie, chosen, TIE_STEP, TIE_SECONDS, most=len(chosen))
         chosen = more.chosen
-    return Chosen([items[k] for k in chosen], price.of(first, 0.0), found.price, found.bound, goal)
+    return Chosen([items[k] for k in chosen], *greedy, found.price, found.bound, goal)
 
 
 def _ties(
