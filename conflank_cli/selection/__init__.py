@@ -129,26 +129,36 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
         return None
 
     def trimmed(sweep: Sweep) -> tuple[Candidate | None, list[Sweep]]:
-        """What of a sweep may be cut, and what it was before each time that something was taken off."""
+        """What of a sweep may be cut, and what it was before something was taken off."""
+        able, before = free_part(sweep)
+        if before:
+            # What overcuts a little all along is no longer hit once it is moved off the face.
+            excess = judged(sweep)[1]
+            if excess > 0.0 and (up := raised(sweep, excess)) is not None:
+                able += free_part(up.sweep)[0]
+        areas = faces[sweep.face].coarse.areas
+        return max(able, key=lambda item: float(areas[item.covered].sum()), default=None), before
+
+    def free_part(sweep: Sweep) -> tuple[list[Candidate], list[Sweep]]:
+        """Its longest stretch without collision or overcut, and what it was before each time that it was cut short."""
         tool, before = tools[sweep.tool], []
         motion = screen.allowed(sweep.motion, tool)
         if motion is not sweep.motion:
             before.append(sweep)
             if motion is None:
-                return None, before
+                return [], before
         own = replace(sweep, motion=motion)
         candidate, excess = judged(own)
         if excess <= 0.0:
-            return candidate, before
+            return [candidate], before
         # Between the poses and points of the screen a sweep may still cut deeper; its swept gap has the last word.
         before.append(own)
-        whole = raised(own, excess)
         time_ = motion_gap(motion, tool, faces[sweep.face].coarse.points, tolerance.allowance)[1]
         motion = longest_between(motion, time_[candidate.gap < -over])
-        part = None if motion is None else judged(replace(sweep, motion=motion))
-        able = [item for item in (whole, part[0] if part and part[1] <= 0.0 else None) if item is not None]
-        areas = faces[sweep.face].coarse.areas
-        return max(able, key=lambda item: float(areas[item.covered].sum()), default=None), before
+        if motion is None:
+            return [], before
+        candidate, excess = judged(replace(sweep, motion=motion))
+        return [candidate] if excess <= 0.0 else [], before
 
     def without_collision(item: Candidate) -> Candidate | None:
         """The same item where nothing is hit, else what is left of it."""
@@ -163,9 +173,9 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
         found = []
         for more in reversed(before):
             covered = within(more, sparse)
-            what = obstruction_of(collider, more.motion, tools[sweep.tool]) if more is sweep else None
-            lost = covered & ~rest
-            found.append(Lost(Reason.OVERCUT, None, lost) if what is None else Lost.to(what, lost))
+            if np.any(covered & ~rest):
+                what = obstruction_of(collider, more.motion, tools[sweep.tool]) if more is sweep else None
+                found.append(Lost(Reason.OVERCUT, None, covered) if what is None else Lost.to(what, covered))
             rest |= covered
         return found
 

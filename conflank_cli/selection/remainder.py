@@ -32,7 +32,7 @@ PER_SAMPLE = ("uv", "points", "normals", "areas", "cell")
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """What a candidate would have covered and does not.
+    """What a candidate would have covered, had nothing been taken off it.
 
     Attributes
     ----------
