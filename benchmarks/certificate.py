@@ -128,7 +128,7 @@ def cases() -> Iterator[Case]:
         design = load(flank)
         job = scene(design, (tool,))
         progress = SilentProgress()
-        plan, _ = select(job, optimize(job, detect(job, progress), progress)[0], progress)
+        plan = select(job, optimize(job, detect(job, progress), progress)[0], progress).plan
         best = max(plan, key=lambda sweep: sweep.facts["certified_area_mm2"])
         yield Case("rotor37 face 0, T1", best.motion, tool, WorkFace.of(design, 0.0))
 

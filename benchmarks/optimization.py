@@ -183,7 +183,8 @@ def largest_against_default(side: str, tolerance: float) -> tuple[list[Against],
     job = blisk_scene(side, tolerance)
     tool, limits = job.tools[0], Limits.of(job.job.tolerance)
     optimised, _ = optimize(job, detect(job, SilentProgress()), SilentProgress())
-    plan, summary = select(job, optimised, SilentProgress())
+    choice = select(job, optimised, SilentProgress())
+    plan, summary = choice.plan, choice.summary
     face = WorkFace.under(job.faces[0], tool)
     samples = face.samples(face.spacing(DENSE))
     largest = sorted(plan, key=lambda sweep: -sweep.facts["covered_area_mm2"])[:LARGEST]

@@ -218,7 +218,7 @@ def sample_plan(plan: str | None) -> tuple[Scene, Sequence[Sweep]]:
     job = msgspec.structs.replace(job, detection=msgspec.structs.replace(job.detection, density="quick"))
     scene = load_scene(job, JOB.parent)
     progress = SilentProgress()
-    return scene, select(scene, optimize(scene, detect(scene, progress), progress)[0], progress)[0]
+    return scene, select(scene, optimize(scene, detect(scene, progress), progress)[0], progress).plan
 
 
 def with_style(scene: Scene, kind: str, style: str) -> Scene:

@@ -5,6 +5,8 @@ Source: greedy choice by area, Calleja et al. (2018), section 5.3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +18,7 @@ EQUAL = 0.99
 # Keeps the mean over no area defined, mm2.
 LEAST_AREA = 1e-12
 # So many of the largest sets are tried as a first choice.
-STARTS = 60
+STARTS = 10
 
 
 def mean_errors(covers: BoolArray, gaps: Array, areas: Array) -> Array:
@@ -24,8 +26,19 @@ def mean_errors(covers: BoolArray, gaps: Array, areas: Array) -> Array:
     return np.asarray(np.where(covers, np.abs(gaps), 0.0) @ areas / np.maximum(covers @ areas, LEAST_AREA))
 
 
+def share_covered(covers: BoolArray, areas: Array, chosen: Sequence[int]) -> float:
+    """Share of the area that the chosen of the sets (K, N) cover together."""
+    return float(areas[covers[list(chosen)].any(axis=0)].sum() / areas.sum())
+
+
 def greedy_cover(
-    covers: BoolArray, areas: Array, errors: Array, target: float, least: float, first: int | None = None
+    covers: BoolArray,
+    areas: Array,
+    errors: Array,
+    target: float,
+    least: float,
+    first: int | None = None,
+    prices: Array | None = None,
 ) -> list[int]:
     """Indices of sets that cover `target` of the area, each with the largest gain left.
 
@@ -37,18 +50,22 @@ def greedy_cover(
     target: fraction of the whole area to reach.
     least: stop where no set adds this fraction of the area any more.
     first: a set to begin with, whatever its gain.
+    prices: (K,), where what counts is the gain for its price.
 
     Sets that later choices made superfluous are taken out again. Does not promise the fewest sets.
     """
     total = areas.sum()
     chosen: list[int] = []
     left = areas.copy()
+    counts = covers.astype(np.float64)
     while len(chosen) < len(covers) and left.sum() > (1.0 - target) * total:
-        gains = covers @ left
-        largest = gains.max()
-        if largest <= 0.0 or largest < least * total:
+        gains = counts @ left
+        gains[gains < least * total] = 0.0
+        merits = gains if prices is None else gains / prices
+        largest = merits.max()
+        if largest <= 0.0:
             break
-        equal = np.flatnonzero(gains >= EQUAL * largest)
+        equal = np.flatnonzero(merits >= EQUAL * largest)
         best = int(equal[np.argmin(errors[equal])]) if chosen or first is None else first
         chosen.append(best)
         left[covers[best]] = 0.0
@@ -75,7 +92,7 @@ def fewest_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
     candidates = [greedy, *(greedy_cover(covers, areas, errors, target, least, int(k)) for k in starts)]
 
     def merit(chosen: list[int]) -> tuple[bool, float, float]:
-        area = float(areas[covers[chosen].any(axis=0)].sum() / areas.sum())
+        area = share_covered(covers, areas, chosen)
         if area < target:
             return (False, area, -float(len(chosen)))
         return (True, -float(len(chosen)), area)

@@ -305,14 +305,6 @@ def _unless(value: object, off: object) -> str | None:
 
 NOT_YET: tuple[NotYet, ...] = (
     NotYet("[selection] ball_passes.enabled", lambda job: _unless(job.selection.ball_passes.enabled, False), "false"),
-    NotYet("[selection] objective", lambda job: _unless(job.selection.objective, "sweeps"), '"sweeps"'),
-    NotYet("[obstacles] meshes", lambda job: _unless(list(job.obstacles.meshes), []), "[]"),
-    NotYet("[setup] copies.only", lambda job: _unless(list(job.setup.copies.order), [0]), "[0], the part itself"),
-    NotYet(
-        "[program] cutting",
-        lambda job: None if job.program.cutting != "both" else repr(job.program.cutting),
-        '"climb" or "conventional"',
-    ),
 )
 """Capabilities that this version does not have. Delete a line here together with building what it names."""
 

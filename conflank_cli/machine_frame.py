@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from conflank_cli.job import Job, Setup
+from conflank_cli.job import Copies, Job, Setup
 from postprocessors.kinematics.two_rotary import within_range
 from postprocessors.machines.machine import Machine, load_machine, parse_machine
 
@@ -38,6 +38,10 @@ class Frame:
         """Points (..., 3) in the program's frame."""
         return np.asarray(points @ self.rotation.T + self.translation)
 
+    def turned(self, rotation: Array) -> Frame:
+        """The frame of what is turned by a rotation (3, 3) in the CAD frame: x_program = this frame (rotation x)."""
+        return Frame(np.asarray(self.rotation @ rotation), self.translation, self.text)
+
     def directions(self, directions: Array) -> Array:
         """Directions (..., 3) in the program's frame."""
         return np.asarray(directions @ self.rotation.T)
@@ -50,6 +54,19 @@ def machine_of(job: Job) -> Machine:
     return load_machine(job.machine.name)
 
 
+def copy_rotation(copies: Copies, number: int) -> Array:
+    """From copy 0 of a rotary pattern to copy `number`, (3, 3), in the CAD frame."""
+    axis = np.asarray(copies.axis) / np.linalg.norm(copies.axis)
+    return np.asarray(Rotation.from_rotvec(2.0 * np.pi * number / copies.count * axis).as_matrix())
+
+
 def reachable_axes(job: Job, axes: Array) -> BoolArray:
-    """Which tool axes (N, 3), unit vectors in the CAD frame, the job's machine can take within its rotary ranges."""
-    return within_range(machine_of(job), Frame.of(job.setup).directions(axes))
+    """Which tool axes (N, 3), unit vectors in the CAD frame, the job's machine can take within its rotary ranges.
+
+    On every copy that is cut.
+    """
+    machine, frame, copies = machine_of(job), Frame.of(job.setup), job.setup.copies
+    reached = np.ones(len(axes), dtype=np.bool_)
+    for number in copies.order:
+        reached &= within_range(machine, frame.turned(copy_rotation(copies, number)).directions(axes))
+    return reached

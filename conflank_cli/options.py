@@ -8,7 +8,7 @@ JOB                                                                         x
 -o, --output                         x        x        x      x      x
 --out                                                                       x
 --job                                         x        x      x      x
---json                x       x                                             x      x
+--json                x       x                         x                   x      x
 -q -v --debug -h      x       x      x        x        x      x      x      x      x
 =================  =======  =====  ======  ========  ======  ====  ======  ===  ========
 

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from conflank_cli.artifacts import read_artifact
+from conflank_cli.artifacts import read_artifact, write_artifact
+from conflank_cli.cad.scene import load_scene
 from conflank_cli.cli import COMMANDS, cli
+from conflank_cli.job import load_job
 
 # A hyperbolic paraboloid, 30 x 20 mm: ruled twice, so one sweep of a cone covers it within the tolerance.
 SADDLE = {
@@ -438,6 +440,8 @@ BAD_CALLS = [
     (["verify", "job.toml", "--job", "job.toml", "-o", "blade.json"], 2, "one of the inputs"),
     (["optimize", "job.toml"], 3, "another type"),
     (["select", "blade.json", "-o", "x.npz"], 3, "another type"),
+    (["select", "blade.json", "--json"], 2, "-o"),
+    (["select", "blade.json", "-o", "x.npz", "--picture", "x.gif"], 2, ".png"),
 ]
 
 
@@ -452,6 +456,49 @@ def test_bad_calls(arguments: list[str], code: int, word: str, tmp_path: Path, m
     assert word in result.stderr
     assert "Traceback" not in result.stderr
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_select_tells_what_covers_what_in_a_table_in_json_and_in_a_picture(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    motions = str(finished / "out" / "motions.npz")
+    result = invoke("select", motions, "-o", "plan.npz", "--json", "--picture", "plan.png")
+    assert result.exit_code == 0, result.stderr
+    for word in ("covered %", "at least", "gap %", "nothing says where the hub is"):
+        assert word in result.stderr
+    document = json.loads(result.stdout)
+    (face,) = document["summary"]["faces"]
+    assert face["sweeps"] == face["bound"] == len(document["plan"]) == 1
+    assert face["coverage"] > 0.99
+    assert Path("plan.npz").read_bytes() == (finished / "out" / "plan.npz").read_bytes()
+    first = Path("plan.png").read_bytes()
+    assert first.startswith(b"\x89PNG")
+    invoke("select", motions, "-o", "plan.npz", "--picture", "again.png")
+    assert Path("again.png").read_bytes() == first
+    table = invoke("inspect", "plan.npz").stdout
+    assert "at least" in table
+    assert "covered_alone_mm2" in table
+
+
+def test_a_part_that_forbids_every_sweep_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tool is 24 mm of flute and more of shank; another face lies 8 mm above the one to be cut."""
+    lid = {
+        **SADDLE["faces"][0], "name": "lid",
+        "poles": [[[-90, -90, 8.0], [-90, 90, 8.0]], [[90, -90, 8.0], [90, 90, 8.0]]],
+    }  # fmt: skip
+    monkeypatch.chdir(write_job(tmp_path))
+    assert invoke("detect", "job.toml", "-o", "c.npz").exit_code == 0
+    assert invoke("optimize", "c.npz", "-o", "m.npz").exit_code == 0
+    Path("blade.json").write_text(json.dumps({"faces": [SADDLE["faces"][0], lid]}))
+    scene = load_scene(load_job("job.toml"), tmp_path)
+    _, sweeps, summary = read_artifact("m.npz", "motions")
+    write_artifact("motions", scene, sweeps, summary, "m.npz")
+    result = invoke("select", "m.npz", "-o", "plan.npz")
+    assert result.exit_code == 1, result.stderr
+    assert "too near to face 1" in result.stderr
+    assert read_artifact("plan.npz", "plan")[1] == ()
+    assert invoke("post", "plan.npz").exit_code == 3
 
 
 def test_a_stage_refuses_the_file_of_another_stage(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,8 +29,9 @@ def test_stages_give_equal_bytes_twice(tmp_path: Path) -> None:
         write_artifact("candidates", scene, found, {}, folder / "candidates.npz")
         motions, _ = optimize(scene, found[:5], progress)
         write_artifact("motions", scene, motions, {}, folder / "motions.npz")
-        plan, summary = select(scene, motions, progress)
-        write_artifact("plan", scene, plan, summary, folder / "plan.npz")
+        choice = select(scene, motions, progress)
+        plan, summary = choice.plan, choice.summary
+        write_artifact("plan", scene, plan, summary, folder / "plan.npz", coverage=choice.coverage)
         written.append([(folder / f"{name}.npz").read_bytes() for name in ("candidates", "motions", "plan")])
         # And it is worth comparing: one sweep cuts the whole face.
         assert len(plan) == 1

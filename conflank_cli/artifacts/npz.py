@@ -6,6 +6,9 @@ of the inputs, the version of the program, and the meaning of the other arrays:
 - per design face i: ``face<i>_knots_u``, ``face<i>_knots_v``, ``face<i>_poles`` (nu, nv, 3), ``face<i>_weights``
   (nu, nv) where rational, ``face<i>_loops`` (N, 2) and ``face<i>_loop_offsets`` (loops + 1,);
 - ``check_vertices`` (N, 3), ``check_triangles`` (M, 3), ``check_face`` (M,);
+- in a plan, per design face i, what it covers point by point (`FaceCoverage`): ``face<i>_coverage_uv`` (N, 2),
+  ``face<i>_coverage_points`` (N, 3), ``face<i>_coverage_areas``, ``face<i>_coverage_sweep`` and
+  ``face<i>_coverage_reason`` (N,);
 - ``motion_offsets`` (sweeps + 1,): sweep k has control points o[k] to o[k + 1] of ``motion_p`` and ``motion_q``
   (N, 3), and knots o[k] + 4 k to o[k + 1] + 4 (k + 1) of ``motion_knots``.
 """
@@ -26,6 +29,7 @@ import numpy.typing as npt
 from msgspec import Struct
 
 from conflank_cli import __version__
+from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.errors import InputError, NumericalError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
@@ -46,6 +50,17 @@ UNITS: Mapping[str, str] = {"length": "mm", "angle": "rad"}
 # The zip format cannot hold an earlier date; any fixed one makes equal inputs give equal bytes.
 _ZIP_MAGIC = b"PK\x03\x04"
 _ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+# Arrays of `FaceCoverage` and their shapes; those that hold whole numbers.
+_COVERAGE: Mapping[str, tuple[int | None, ...]] = {
+    "uv": (None, 2),
+    "points": (None, 3),
+    "areas": (None,),
+    "sweep": (None,),
+    "reason": (None,),
+}
+_COVERAGE_NUMBERS = ("sweep", "reason")
 
 
 class FaceEntry(Struct, frozen=True, forbid_unknown_fields=True):
@@ -119,6 +134,7 @@ def write_artifact(
     summary: Mapping[str, object],
     out: str | Path,
     inputs: Iterable[str | Path] = (),
+    coverage: Sequence[FaceCoverage] = (),
 ) -> None:
     """Write an artifact to the file `out`, or to standard output for "-".
 
@@ -129,6 +145,7 @@ def write_artifact(
     summary: what the stage found, JSON values only.
     out: file, replaced if it exists.
     inputs: files that must not be replaced.
+    coverage: of a plan, one for each design face, or none.
 
     Raises
     ------
@@ -136,10 +153,16 @@ def write_artifact(
     NumericalError: a number to write is not finite.
     """
     check_output(out, inputs, binary=True)
-    write_output(encode_artifact(kind, scene, sweeps, summary), out, inputs)
+    write_output(encode_artifact(kind, scene, sweeps, summary, coverage), out, inputs)
 
 
-def encode_artifact(kind: Kind, scene: Scene, sweeps: Sequence[Sweep], summary: Mapping[str, object]) -> bytes:
+def encode_artifact(
+    kind: Kind,
+    scene: Scene,
+    sweeps: Sequence[Sweep],
+    summary: Mapping[str, object],
+    coverage: Sequence[FaceCoverage] = (),
+) -> bytes:
     """The bytes of an artifact. Equal arguments give equal bytes."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     for index, face in enumerate(scene.faces):
@@ -150,6 +173,12 @@ def encode_artifact(kind: Kind, scene: Scene, sweeps: Sequence[Sweep], summary: 
             arrays[f"face{index}_weights"] = _floats(face.surface.weights)
         arrays[f"face{index}_loops"] = _joined(face.loops, 2)
         arrays[f"face{index}_loop_offsets"] = _offsets(face.loops)
+    for index, covered in enumerate(coverage):
+        for name in _COVERAGE:
+            array = getattr(covered, name)
+            arrays[f"face{index}_coverage_{name}"] = (
+                np.ascontiguousarray(array, dtype="<i4") if name in _COVERAGE_NUMBERS else _floats(array)
+            )
     arrays["check_vertices"] = _floats(scene.check.vertices)
     arrays["check_triangles"] = np.ascontiguousarray(scene.check.triangles, dtype="<i4")
     arrays["check_face"] = np.ascontiguousarray(scene.check.face, dtype="<i4")
@@ -251,6 +280,18 @@ def decode_artifact(
         job, document.part_name, faces, tuple(_tool(entry) for entry in document.tools), check, document.inputs
     )
     return kind, scene, _sweeps(document.sweeps, arrays), document.summary
+
+
+def decode_coverage(data: bytes, where: str) -> tuple[FaceCoverage, ...]:
+    """What a plan covers of each design face, from the bytes of an artifact; none where it has none."""
+    _, scene, _, _ = decode_artifact(data, where, "plan")
+    arrays = _load_arrays(data, where, "plan")
+    if "face0_coverage_uv" not in arrays:
+        return ()
+    return tuple(
+        FaceCoverage(*(arrays[f"face{index}_coverage_{name}"] for name in _COVERAGE))
+        for index in range(len(scene.faces))
+    )
 
 
 def document_text(data: bytes, where: str) -> str:
@@ -389,13 +430,16 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
         }
         if entry.rational:
             ranks[f"face{index}_weights"] = (None, None)
+        if "face0_coverage_uv" in arrays:
+            ranks |= {f"face{index}_coverage_{name}": rank for name, rank in _COVERAGE.items()}
     for name in sorted(ranks.keys() ^ arrays.keys()):
         raise _damaged(where, f"the unknown array {name!r}" if name in arrays else f"no array {name!r}")
     for name, rank in ranks.items():
         array = arrays[name]
         shape = array.shape
         fits = len(shape) == len(rank) and all(b is None or a == b for a, b in zip(shape, rank, strict=True))
-        numbers = array.dtype.kind == ("i" if name.endswith(("offsets", "triangles", "check_face")) else "f")
+        whole = ("offsets", "triangles", "check_face", *(f"coverage_{name}" for name in _COVERAGE_NUMBERS))
+        numbers = array.dtype.kind == ("i" if name.endswith(whole) else "f")
         if not (fits and numbers and np.all(np.isfinite(array))):
             raise _damaged(where, f"array {name!r} with shape {shape}, type {array.dtype} or numbers not finite")
     consistent = (
@@ -407,6 +451,7 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
         and all(0 <= sweep.face < len(document.faces) for sweep in document.sweeps)
         and {sweep.tool for sweep in document.sweeps} <= {tool.name for tool in document.tools}
         and all(_face_consistent(entry, arrays, index) for index, entry in enumerate(document.faces))
+        and all(_coverage_consistent(arrays, index, len(document.sweeps)) for index in range(len(document.faces)))
     )
     if not consistent:
         raise _damaged(where, "arrays that contradict each other or the document")
@@ -430,6 +475,18 @@ def _face_consistent(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], i
         and (not entry.rational or arrays[f"face{index}_weights"].shape == (nu, nv))
         and len(offsets) > 0
         and _steps(offsets, len(arrays[f"face{index}_loops"]), 0)
+    )
+
+
+def _coverage_consistent(arrays: Mapping[str, npt.NDArray[Any]], index: int, sweeps: int) -> bool:
+    own = [arrays[f"face{index}_coverage_{name}"] for name in _COVERAGE if f"face{index}_coverage_{name}" in arrays]
+    if not own:
+        return True
+    sweep, reason = own[-2:]
+    return (
+        len({len(array) for array in own}) == 1
+        and bool(np.all(sweep >= -1) and np.all(sweep < sweeps))
+        and bool(np.all(np.isin(reason, [int(each) for each in Reason])))
     )
 
 

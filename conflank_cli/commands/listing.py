@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from conflank_cli.artifacts.npz import decode_artifact, document_text, read_source
+from conflank_cli.commands.plan_map import summary_tables
 from conflank_cli.commands.tables import cell_text, text_table
 from conflank_cli.sweep import Sweep
 
@@ -47,7 +48,12 @@ def list_artifact(source: str, as_json: bool) -> str:
         text_table(["<tool", "number", "r_min mm", "r_max mm", "length mm"], tools),
         text_table(["sweep", "face", "<tool", "controls", *names], cuts),
         _terms(sweeps) if kind == "motions" else "",
-        "".join(f"{name}: {cell_text(value)}\n" for name, value in summary.items() if not isinstance(value, dict)),
+        summary_tables(summary) if kind == "plan" and "faces" in summary else "",
+        "".join(
+            f"{name}: {cell_text(value)}\n"
+            for name, value in summary.items()
+            if not isinstance(value, dict) and name not in ("faces", "order")
+        ),
         "".join(f"{count} x {result}\n" for result, count in summary.get("results", {}).items()),
     ]
     return "\n".join(part for part in parts if part)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import msgspec
 import numpy as np
 
+from conflank_cli.commands.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.commands.tables import text_table
 from conflank_cli.detection.reachability import Reachability, reachability
-from conflank_cli.errors import UsageError
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
@@ -21,14 +20,8 @@ from conflank_cli.scene import Scene
 ENGAGED = (("1/3", 1.0 / 3.0), ("2/3", 2.0 / 3.0), ("9/10", 0.9))
 # Multiples of the tolerance at which areas are stated.
 MULTIPLES = (0.5, 1.0, 2.0)
-# Picture formats, and the metadata that keeps equal pictures byte-equal.
-FORMATS = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None},
-    ".pdf": {"CreationDate": None},
-}
-# Size of one map, inches, and its resolution.
-PANEL, DPI = 3.2, 130
+# Size of one map, inches.
+PANEL = 3.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +105,7 @@ def draw(maps: Sequence[ReachMap], file: str) -> bytes:
     ------
     UsageError: the file's suffix is no picture format known here.
     """
-    suffix = Path(file).suffix.lower()
-    if suffix not in FORMATS:
-        raise UsageError(
-            f"--picture {file}", f"suffix {suffix!r}", "one of " + ", ".join(FORMATS), "Rename the picture."
-        )
+    suffix = picture_suffix(file)
     # Half a second to import, and only pictures need it.
     import matplotlib
 

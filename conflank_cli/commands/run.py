@@ -19,16 +19,17 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     """Run all stages of a job and verify the program.
 
     Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts) and
-    NAME.H.verification.json into DIR, all of them or none.
-    Exit code 1 means that the verification has findings; --json prints it with the names of the files.
+    NAME.H.verification.json into DIR, all of them or none. Exit code 1 means that the verification has findings, or
+    that something forbids every sweep: then there is no program. --json prints the verification with the names of the
+    files.
     """
     from pathlib import Path
 
     import msgspec
 
     from conflank_cli.artifacts.npz import encode_artifact
-    from conflank_cli.cad.scene import load_scene
-    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene
+    from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.stages import run_detect, run_optimize, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
@@ -50,21 +51,22 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
             check_output(out / name, inputs)
     # A machine that does not exist should not be found out after all the computing.
     machine_of(job)
-    scene = load_scene(job, folder)
+    scene = read_scene(job, folder, talk)
 
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
-    plan, plan_summary = run_select(scene, motions, talk)
-    programs, path = run_post(scene, plan, program, talk)
-    verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
-
+    plan, plan_summary, coverage = run_select(scene, motions, talk)
     contents: dict[str, bytes | str] = {
         "candidates.npz": encode_artifact("candidates", scene, candidates, candidates_summary),
         "motions.npz": encode_artifact("motions", scene, motions, motions_summary),
-        "plan.npz": encode_artifact("plan", scene, plan, plan_summary),
-        **programs,
-        f"{program}.verification.json": verification.to_json().decode(),
+        "plan.npz": encode_artifact("plan", scene, plan, plan_summary, coverage),
     }
+    verification, facts = None, ""
+    if plan:
+        programs, path = run_post(scene, plan, program, talk)
+        verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
+        facts = facts_of(summarize(scene.job, path))
+        contents |= {**programs, f"{program}.verification.json": verification.to_json().decode()}
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -74,10 +76,12 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     for name, content in contents.items():
         write_output(content, out / name, inputs)
 
-    talk.note(judgement(verification))
-    talk.note(facts_of(summarize(scene.job, path)))
-    talk.note(f"program       {out / program}\ncomputed in   {time.perf_counter() - start:.1f} s")
+    if verification is None:
+        talk.note(summary_tables(plan_summary) + "\nno program    something forbids every sweep")
+    else:
+        talk.note(f"{judgement(verification)}\n{facts}\nprogram       {out / program}")
+    talk.note(f"computed in   {time.perf_counter() - start:.1f} s")
     if as_json:
         summary = {"files": [str(out / name) for name in contents], "verification": verification}
         click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
-    return EXIT_FINDINGS if verification.findings else EXIT_DONE
+    return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE

@@ -12,19 +12,39 @@ from conflank_cli.options import Talk
 @options.source("MOTIONS")
 @options.output("the plan (NPZ)")
 @options.job_override("[selection] and all tables after it")
+@click.option(
+    "--picture", metavar="FILE", help="Draw what covers what, and why the rest is left, to FILE (PNG, SVG or PDF)."
+)
+@options.as_json
 @options.common
-def select(source: str, output: str, job_file: str | None, talk: Talk) -> None:
-    """Choose the sweeps that cover the design faces.
+def select(source: str, output: str, job_file: str | None, picture: str | None, as_json: bool, talk: Talk) -> int:
+    """Choose the sweeps that cover the design faces, and put them in order.
 
-    MOTIONS is what conflank optimize writes.
+    MOTIONS is what conflank optimize writes. A table on standard error says how many sweeps there have to be at least,
+    and what is left and why; --json prints it on standard output, which takes an -o FILE for the plan. Exit code 1
+    means that something forbids every sweep: the plan is empty, and the table names what is in the way.
     """
     from conflank_cli.artifacts import read_artifact, write_artifact
     from conflank_cli.commands.inputs import override
+    from conflank_cli.commands.picture_file import picture_suffix
+    from conflank_cli.commands.plan_map import as_document, draw, summary_tables
     from conflank_cli.commands.stages import run_select
-    from conflank_cli.output import check_output
+    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
+    from conflank_cli.output import STANDARD, check_output, write_output
 
+    if as_json and output == STANDARD:
+        raise UsageError("--json", "the plan on standard output too", "one of them there", "Name a file with -o.")
     check_output(output, [source], binary=True)
+    if picture is not None:
+        picture_suffix(picture)
+        check_output(picture, [source, output], binary=True)
     scene, sweeps, _ = read_artifact(source, "motions")
     scene = override(scene, "select", job_file, talk)
-    plan, summary = run_select(scene, sweeps, talk)
-    write_artifact("plan", scene, plan, summary, output, [source])
+    plan, summary, coverage = run_select(scene, sweeps, talk)
+    write_artifact("plan", scene, plan, summary, output, [source], coverage)
+    if picture is not None:
+        write_output(draw(scene, plan, coverage, picture), picture, [source])
+    talk.note(summary_tables(summary).rstrip("\n"))
+    if as_json:
+        click.echo(as_document(summary, plan, scene), nl=False)
+    return EXIT_DONE if plan else EXIT_FINDINGS

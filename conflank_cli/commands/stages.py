@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from conflank_cli import geometry
+from conflank_cli.coverage import FaceCoverage
 from conflank_cli.errors import NumericalError
 from conflank_cli.options import Talk
 from conflank_cli.scene import Scene
@@ -58,25 +59,28 @@ def run_optimize(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[lis
     return motions, _counts(scene, motions) | summary
 
 
-def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
-    """The plan and its summary.
+def run_select(
+    scene: Scene, sweeps: Sequence[Sweep], talk: Talk
+) -> tuple[list[Sweep], dict[str, Any], list[FaceCoverage]]:
+    """The plan, its summary, and what it covers point by point. It is empty where something forbids every sweep.
 
     Raises
     ------
-    NumericalError: no sweep covers anything.
+    NumericalError: no sweep covers anything, and nothing is in the way.
     """
     from conflank_cli.selection import select
 
     with talk.timed("select"):
-        plan, summary = select(scene, list(sweeps), talk.progress)
-    if not plan:
+        choice = select(scene, list(sweeps), talk.progress)
+    plan, summary = choice.plan, choice.summary
+    if not plan and not any(face["in_the_way_mm2"] for face in summary["faces"]):
         raise NumericalError(
             "select",
             f"no sweep of {len(sweeps)} that covers anything within the tolerances",
             "at least one",
             "Widen [tolerance] overcut and undercut, or try other tools.",
         )
-    return plan, _counts(scene, plan) | summary
+    return plan, _counts(scene, plan) | summary, choice.coverage
 
 
 def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> tuple[dict[str, str], ToolPath]:

@@ -29,8 +29,7 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     beside it. Exit code 1 means that there are findings.
     """
     from conflank_cli.artifacts.npz import read_source
-    from conflank_cli.cad.scene import load_scene
-    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.stages import program_beside, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
@@ -42,7 +41,7 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     inputs: list[str | Path] = [source, *files_of(job_file, job, folder)]
     check_output(output, inputs)
     name, program = read_source(source)
-    scene = load_scene(job, folder)
+    scene = read_scene(job, folder, talk)
     beside = Path() if source == STANDARD else Path(source).parent
     verification = run_verify(program, name, scene, talk, partial(program_beside, beside))
     write_output(verification.to_json().decode(), output, inputs)

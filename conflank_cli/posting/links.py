@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.posting.ride import Ride
@@ -116,20 +117,30 @@ class SafePlane:
         return Link(np.vstack([tip[:1] + height * axis[:1], tip]), np.vstack([axis[:1], axis]))
 
 
-def clearest(links: Iterable[Link], ride: Ride, screen: Screen) -> Link:
-    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them."""
+def clearest(links: Iterable[Link], ride: Ride, screen: Screen, collider: Collider) -> Link:
+    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
+
+    The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.
+    """
     best, fewest = None, np.inf
     for link in links:
         pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
         tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
-        p = (tips - ride.tool.tip_height * axes - ride.frame.translation) @ ride.frame.rotation
-        hits = int(np.sum(~screen.free(p, axes @ ride.frame.rotation, ride.tool)))
+        hits = int(np.sum(~screen.free(*_in_cad(ride, tips, axes), ride.tool)))
+        if hits == 0:
+            hits = int(not collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear)
         if hits < fewest:
             best, fewest = link, hits
         if hits == 0:
             break
     assert best is not None
     return best
+
+
+def _in_cad(ride: Ride, tip: Array, axis: Array) -> tuple[Array, Array]:
+    """Axis points at height 0 and directions in the CAD frame, of poses (N, 3) in that of the program."""
+    p = (tip - ride.tool.tip_height * axis - ride.frame.translation) @ ride.frame.rotation
+    return p, axis @ ride.frame.rotation
 
 
 def _poses_between(link: Link, index: int) -> tuple[Array, Array]:

@@ -9,12 +9,14 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.copies import over_copies
 from conflank_cli.errors import InputError
 from conflank_cli.formats import post_of, program_options
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
-from conflank_cli.machine_frame import Frame, machine_of
+from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
 from conflank_cli.posting.feeds import block_feeds
 from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
 from conflank_cli.posting.mounting import axis_positions, mounting_of
@@ -83,7 +85,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     Parameters
     ----------
     scene: the job, its faces and tools.
-    sweeps: what to cut; cut k of the path is sweeps[k - 1].
+    sweeps: what to cut on each copy; without copies cut k of the path is sweeps[k - 1].
     machine: its rotary words are one of the two interpolations that the spacing of blocks must bear.
 
     Raises
@@ -96,19 +98,21 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
     tools = {tool.name: tool for tool in scene.tools}
     frame = Frame.of(scene.job.setup)
-    screen = Screen.of(scene)
+    screen, collider = Screen.of(scene), Collider.of(scene)
     program = scene.job.program
     projectors = [Projector.of(face.surface) for face in scene.faces]
-    hull = frame.points(hull_points(scene, projectors))
+    copies = scene.job.setup.copies
+    standing = hull_points(scene, projectors)
+    hull = np.vstack([frame.turned(copy_rotation(copies, number)).points(standing) for number in copies.order])
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
     pieces: list[_Piece] = []
-    for number, sweep in enumerate(sweeps, start=1):
+    for number, (sweep, rotation) in enumerate(over_copies(copies, sweeps), start=1):
         if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
             found = f"tool {sweep.tool}, face {sweep.face}"
             raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
-        ride = Ride(sweep.motion, tools[sweep.tool], frame)
+        ride = Ride(sweep.motion, tools[sweep.tool], frame.turned(rotation))
         projector, sense = projectors[sweep.face], scene.faces[sweep.face].sense
         climbs = is_climb(ride, away_directions(ride, projector, sense))
         if program.cutting != "both" and climbs != (program.cutting == "climb"):
@@ -117,7 +121,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
             away = away_directions(leg, projector, sense)
             pieces.append(_Piece(number, leg, away[0], away[-1]))
     plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-    stretches = _with_links(pieces, plane, screen, machine, scene.job)
+    stretches = _with_links(pieces, plane, screen, collider, machine, scene.job)
     operations = tuple(
         Operation(_cutter(tool), tuple(stretch for _, visit in group for stretch in visit))
         for tool, group in groupby(
@@ -144,11 +148,11 @@ class _Piece:
 
 
 def _with_links(
-    pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, machine: Machine, job: Job
+    pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, collider: Collider, machine: Machine, job: Job
 ) -> list[tuple[Stretch, Stretch, Stretch]]:
     """Approach, sweep and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
     labels = [piece.label for piece in pieces]
-    ways = [_ways(piece, plane, screen, machine) for piece in pieces]
+    ways = [_ways(piece, plane, screen, collider, machine) for piece in pieces]
     rides = [piece.ride for piece in pieces]
     # The last pose of a link is the first of the sweep, or the other way round.
     times = space_blocks(rides, machine, labels, [(a.axis[:-1], b.axis[-2::-1]) for a, b in ways])
@@ -179,14 +183,14 @@ def _with_links(
     return stretches
 
 
-def _ways(piece: _Piece, plane: SafePlane, screen: Screen, machine: Machine) -> tuple[Link, Link]:
+def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
     """The ways to the first pose of a piece, and from its last (read backwards)."""
     ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
-    inward, outward = (clearest(plane.links(ride, after, away), ride, screen) for after, away in sides)
+    inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
     axis = np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]])
     if not runs_through(machine, Run(piece.label, axis)):
         # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
-        inward, outward = (clearest(plane.straight(ride, after, away), ride, screen) for after, away in sides)
+        inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
     return inward, outward
 
 

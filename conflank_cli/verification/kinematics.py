@@ -14,16 +14,33 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
+def about(axis: tuple[float, float, float], angle: float) -> Array:
+    """Rotation by an angle (radians) about an axis of any length, (3, 3)."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Rodrigues: 1 + sin K + (1 - cos) K K, with K the matrix of the cross product.
+    return np.asarray(np.eye(3) + sin(angle) * across + (1.0 - cos(angle)) * across @ across)
+
+
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Position of the CAD frame in the program's frame: XYZ intrinsic rotation in degrees, then translation in mm."""
+    """Position of the CAD frame in the program's frame: XYZ intrinsic rotation in degrees, then translation in mm.
+
+    turned: for a copy of a rotary pattern, the axis (any length) and the angle in radians by which what the CAD file
+    shows is turned about the CAD frame's origin before that.
+    """
 
     rotate_deg: tuple[float, float, float]
     translate: tuple[float, float, float]
+    turned: tuple[tuple[float, float, float], float] | None = None
 
     @property
     def matrix(self) -> Array:
-        """Rotation from CAD to program coordinates, (3, 3): Rx(a) Ry(b) Rz(c)."""
+        """Rotation from CAD to program coordinates, (3, 3): Rx(a) Ry(b) Rz(c), after the turn of a copy."""
+        return self._own if self.turned is None else self._own @ about(*self.turned)
+
+    @property
+    def _own(self) -> Array:
         a, b, c = (radians(angle) for angle in self.rotate_deg)
         about_x = np.array([[1, 0, 0], [0, cos(a), -sin(a)], [0, sin(a), cos(a)]])
         about_y = np.array([[cos(b), 0, sin(b)], [0, 1, 0], [-sin(b), 0, cos(b)]])

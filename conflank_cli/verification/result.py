@@ -48,14 +48,15 @@ class GapFigures(Struct, frozen=True):
     p99_abs: float | None
 
 
-class FaceFigures(Struct, frozen=True):
-    """One design face: number, trimmed area, share of it covered, and extremes."""
+class FaceFigures(Struct, frozen=True, omit_defaults=True):
+    """One design face: number, trimmed area, share of it covered, and extremes; on a copy of the part its number."""
 
     face: int
     area_mm2: float
     coverage: float
     overcut_max_um: float
     stock_max_um: float | None
+    copy: int | None = None
 
 
 class CutFigures(Struct, frozen=True):
@@ -106,7 +107,8 @@ class Verification(Struct, frozen=True):
     gap_um: over the covered area.
     step_max_um: largest difference of the gap between neighbouring covered points that different cuts have made; None
         where no two patches meet.
-    faces, sweeps, passes: the same by face and by cut.
+    faces, sweeps, passes: the same by face and by cut. Of several copies the figures of a cut are those on the copy it
+        covers most of, `gap_um` has the largest p99 of them, and points are where they are on that copy.
     clearance_mm: by component.
     time_s: length over feed; rapids at the assumed rate.
     control_tolerance_um: T + h TA of the control's tolerance cycle, which comes on top at the machine; None where the

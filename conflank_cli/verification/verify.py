@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
+from conflank_cli.verification import pattern
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.gap import (
     Body,
@@ -66,6 +67,9 @@ _SAME_TOOL = 1e-3
 
 _NEAR = 5.0
 """The mesh is sampled this far around what the tool passes through, mm; beyond it nothing is near."""
+
+_COARSE_POINTS = 2000
+"""Points of a face by which it is told which copy of it a cut is for, about."""
 
 _ROUNDING = 1e-7
 """Slack of a limit for floating-point noise, mm."""
@@ -174,14 +178,17 @@ def _same_axis_way(poses: Poses, move: Integers, height: float) -> bool:
     return max(float(np.linalg.norm(way, axis=1).max(initial=0.0)) for way in ways) * height < _SAME_WAY
 
 
-def _stretches(poses: Poses, tools: list[Tool | None]) -> list[_Stretch]:
+def _stretches(poses: Poses, tools: list[Tool | None], owned: npt.NDArray[np.bool_] | None = None) -> list[_Stretch]:
+    """The moves by tool and cut; only those in `owned` (N,) if it is given."""
     moves = poses.moves
     result = []
     for call, cut in sorted(set(zip(moves.tool.tolist(), moves.cut.tolist(), strict=True))):
         tool = tools[call] if call >= 0 else None
         if tool is None:
             continue
-        chosen = np.flatnonzero((moves.tool == call) & (moves.cut == cut))
+        chosen = np.flatnonzero((moves.tool == call) & (moves.cut == cut) & (True if owned is None else owned))
+        if not len(chosen):
+            continue
         modes = [Interpolation.VECTOR]
         if not _same_axis_way(poses, chosen, tool.length - tool.tip_height):
             modes.append(Interpolation.AXIS)
@@ -482,6 +489,11 @@ def _clearances(
     return Clearances(result["ball"], result["cone"], result["shank"], result["holder"]), findings, beside
 
 
+def _no_clearances() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
+    nothing = ClearanceFigures(None, None)
+    return Clearances(nothing, nothing, nothing, nothing), [], None
+
+
 def _control_tolerance(program: Program, tools: list[Tool]) -> float | None:
     """T + h TA in mm, h the height of the tallest cutter; None where the cycle is not set or not whole."""
     if program.tolerance is None or program.tolerance[1] is None or not tools:
@@ -530,8 +542,8 @@ def verify_program(
 
     Returns
     -------
-    The judgement. It never repairs, and it takes nothing for known that the text does not say: what it had to take from
-    the job instead is a finding.
+    The judgement, of all copies together where the job's [setup] has several. It never repairs, and it takes nothing
+    for known that the text does not say: what it had to take from the job instead is a finding.
     """
     program = read_program(text, called)
     findings = list(program.findings)
@@ -546,9 +558,21 @@ def verify_program(
     if program.header.reference == "SPHERE CENTRE":
         radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
         below = radii[moves.tool]
-    poses = poses_on_part(moves, program.letters, frame, below)
     digest = _digest(text)
-    return _judge(program, poses, tools, scene, findings, name, digest, points_per_face)
+    copies = scene.job.setup.copies
+    if copies.order == (0,):
+        poses = poses_on_part(moves, program.letters, frame, below)
+        return _judge(program, poses, tools, scene, findings, name, digest, points_per_face)
+    by_copy = [
+        poses_on_part(moves, program.letters, replace(frame, turned=turn), below) for turn in pattern.turns(copies)
+    ]
+    surface = np.concatenate([sample_face(face, _COARSE_POINTS).points for face in scene.faces])
+    owned = pattern.moves_by_copy(by_copy, tools, surface)
+    each = [
+        _judge(program, poses, tools, pattern.around(scene, turn), [], name, digest, points_per_face, own)
+        for poses, turn, own in zip(by_copy, pattern.turns(copies), owned, strict=True)
+    ]
+    return pattern.joined(each, copies, findings)
 
 
 def _judge(
@@ -560,7 +584,9 @@ def _judge(
     name: str,
     digest: str,
     points_per_face: int,
+    owned: npt.NDArray[np.bool_] | None = None,
 ) -> Verification:
+    """Judge poses on the faces of a scene. `owned`: moves (N,) that are held against what is around; all if None."""
     tolerance = scene.job.tolerance
     moves: Moves = poses.moves
     stretches = _stretches(poses, tools)
@@ -588,11 +614,11 @@ def _judge(
 
     findings += _worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
     if stretches:
-        clearances, found, beside = _clearances(scene, poses, stretches, samples)
+        near = stretches if owned is None else _stretches(poses, tools, owned)
+        clearances, found, beside = _clearances(scene, poses, near, samples) if near else _no_clearances()
         findings += found
     else:
-        nothing = ClearanceFigures(None, None)
-        clearances, beside = Clearances(nothing, nothing, nothing, nothing), None
+        clearances, _, beside = _no_clearances()
     if coverage < scene.job.selection.coverage:
         findings.append(
             Finding(

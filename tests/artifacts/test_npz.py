@@ -14,7 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from conflank_cli.artifacts.npz import KINDS, decode_artifact, encode_artifact, read_artifact, write_artifact
+from conflank_cli.artifacts.npz import (
+    KINDS,
+    decode_artifact,
+    decode_coverage,
+    encode_artifact,
+    read_artifact,
+    write_artifact,
+)
+from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.errors import InputError, NumericalError, UsageError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
@@ -69,6 +77,29 @@ def test_every_kind_comes_back_as_it_went(tmp_path: Path, kind: str) -> None:
     write_artifact(kind, scene, sweeps, summary, tmp_path / "a.npz")
     again = read_artifact(tmp_path / "a.npz", kind)
     assert_same((scene, sweeps, summary), again)
+
+
+def coverage_of(count: int, seed: int) -> FaceCoverage:
+    rng = np.random.default_rng(seed)
+    sweep = rng.integers(-1, 2, count)
+    reason = np.where(sweep < 0, rng.integers(1, len(Reason), count), int(Reason.COVERED))
+    return FaceCoverage(rng.random((count, 2)), rng.random((count, 3)), rng.random(count), sweep, reason)
+
+
+def test_what_a_plan_covers_comes_back_as_it_went(tmp_path: Path) -> None:
+    scene, sweeps = scene_of(flat_face(), flat_face()), (sweep_of(4), sweep_of(9, 1))
+    coverage = [coverage_of(30, 1), coverage_of(50, 2)]
+    write_artifact("plan", scene, sweeps, {}, tmp_path / "a.npz", coverage=coverage)
+    data = (tmp_path / "a.npz").read_bytes()
+    for own, again in zip(coverage, decode_coverage(data, "a.npz"), strict=True):
+        for name in ("uv", "points", "areas", "sweep", "reason"):
+            np.testing.assert_array_equal(getattr(own, name), getattr(again, name))
+    assert_same((scene, sweeps, {}), read_artifact(tmp_path / "a.npz", "plan"))
+    assert decode_coverage(encode_artifact("plan", scene, sweeps, {}), "b.npz") == ()
+    for sweep, reason in ((2, 1), (-1, 99)):
+        wrong = [coverage[0], replace(coverage[1], sweep=np.full(50, sweep), reason=np.full(50, reason))]
+        with pytest.raises(InputError, match="contradict"):
+            decode_coverage(encode_artifact("plan", scene, sweeps, {}, wrong), "a.npz")
 
 
 motions = st.integers(4, 12).flatmap(

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
 from benchmarks.envelopes import swept_gap
+from conflank_cli.coverage import Reason
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
 from conflank_cli.selection import select
+from conflank_cli.selection.choice import LINK_SECONDS, TOOL_CHANGE_SECONDS
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Section, Tool
-from tests.verification.scenes import plane_face, scene_of
+from tests.verification.scenes import cylinder_face, plane_face, scene_of, triangles_of
 
 FLUTE = 20.0
 # The shank is slimmer than the flute, so that strips may lie side by side.
@@ -43,14 +46,22 @@ def plate_scene(coverage: float = 1.0, allowance: float = 0.0) -> Scene:
     return replace(scene, job=job)
 
 
+def selected(scene: Scene, sweeps: list[Sweep], progress: SilentProgress) -> tuple[list[Sweep], dict[str, Any]]:
+    choice = select(scene, sweeps, progress)
+    return choice.plan, choice.summary
+
+
 def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> None:
     sweeps = [strip(10.0), strip(0.0), strip(20.0)]
-    plan, summary = select(plate_scene(), sweeps, SilentProgress())
+    plan, summary = selected(plate_scene(), sweeps, SilentProgress())
     assert sorted(float(sweep.motion.p[0, 1]) for sweep in plan) == [0.0, 20.0]
     assert summary["coverage"] == pytest.approx(1.0, abs=1e-12)
     assert summary["sweeps"] == 2 and summary["screened"] == 3 and summary["rejected"] == 0
     assert summary["gap_mean_abs_um"] == pytest.approx(0.0, abs=1e-6)
-    assert summary["faces"] == [{"face": 0, "coverage": pytest.approx(1.0), "sweeps": 2}]
+    (face,) = summary["faces"]
+    assert (face["face"], face["sweeps"], face["coverage"]) == (0, 2, pytest.approx(1.0))
+    assert (face["price"], face["greedy"], face["bound"], face["gap"]) == (2.0, 2.0, 2.0, 0.0)
+    assert face["left_mm2"] == face["in_the_way_mm2"] == {}
     for sweep in plan:
         assert sweep.facts["lines"] == 7.0  # what stages before have measured stays
         assert sweep.facts["length_mm"] == pytest.approx(WIDTH + 6.0, abs=1e-6)
@@ -64,7 +75,7 @@ def test_two_strips_cover_the_plate_and_a_third_between_them_is_not_taken() -> N
 
 def test_coverage_and_mean_gap_are_those_of_the_plan() -> None:
     """A strip that is lifted from 0 to 20 µm on its way covers half of its length, with 5 µm on average."""
-    plan, summary = select(plate_scene(), [strip(0.0, (0.0, WIDTH), turn=0.020)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, (0.0, WIDTH), turn=0.020)], SilentProgress())
     (sweep,) = plan
     # The tool stands square to the plane along its contact, so that g(x) is the lift at x.
     half = 0.5 * WIDTH * FLUTE
@@ -89,7 +100,7 @@ def test_coverage_and_mean_gap_are_those_of_the_plan() -> None:
 def test_overcut_beyond_the_tolerance_is_rejected(allowance: float) -> None:
     """20 µm too deep from end to end; an allowance raises what counts as too deep."""
     deep, good = strip(0.0, off=allowance - 0.020), strip(20.0, off=allowance)
-    plan, summary = select(plate_scene(allowance=allowance), [deep, good], SilentProgress())
+    plan, summary = selected(plate_scene(allowance=allowance), [deep, good], SilentProgress())
     assert [float(sweep.motion.p[0, 1]) for sweep in plan] == [20.0]
     assert summary["rejected"] == 1
     assert summary["coverage"] == pytest.approx(0.5, abs=0.02)
@@ -106,7 +117,7 @@ def test_large_allowance_is_judged_as_finely_as_none() -> None:
     for allowance in (0.0, 0.5):
         p = np.stack([greville * WIDTH, np.full(6, 20.1), np.full(6, 3.0 + allowance)], axis=1)
         sweep = Sweep(0, "C", Motion(knots, p, p + np.array([0.0, 0.0, FLUTE])), {})
-        plan, _ = select(plate_scene(0.01, allowance), [sweep], SilentProgress())
+        plan, _ = selected(plate_scene(0.01, allowance), [sweep], SilentProgress())
         results.append(sum(chosen.facts["covered_area_mm2"] for chosen in plan))
     # 9.5 µm is left up to 0.24 mm from the middle: one row of samples.
     assert results[0] > 20.0
@@ -114,27 +125,108 @@ def test_large_allowance_is_judged_as_finely_as_none() -> None:
 
 
 def test_more_accurate_of_equal_sweeps() -> None:
-    plan, summary = select(plate_scene(), [strip(0.0, off=0.004), strip(0.0)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, off=0.004), strip(0.0)], SilentProgress())
     assert len(plan) == 1
     assert summary["gap_mean_abs_um"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_enough_is_enough() -> None:
-    plan, summary = select(plate_scene(0.45), [strip(0.0), strip(20.0)], SilentProgress())
+    plan, summary = selected(plate_scene(0.45), [strip(0.0), strip(20.0)], SilentProgress())
     assert len(plan) == 1
     assert summary["coverage"] == pytest.approx(0.5, abs=0.02)
 
 
 def test_nothing_to_select_from() -> None:
-    plan, summary = select(plate_scene(), [], SilentProgress())
+    plan, summary = selected(plate_scene(), [], SilentProgress())
     assert plan == []
     assert summary["coverage"] == 0.0
     assert summary["gap_mean_abs_um"] is None
-    assert summary["faces"] == [{"face": 0, "coverage": 0.0, "sweeps": 0}]
+    (face,) = summary["faces"]
+    assert (face["face"], face["coverage"], face["sweeps"]) == (0, 0.0, 0)
+    # Lines of a cylinder fit a plane everywhere.
+    assert face["left_mm2"] == {"no_sweep": pytest.approx(WIDTH * HEIGHT)}
 
 
 def test_nothing_fits() -> None:
-    plan, summary = select(plate_scene(), [strip(0.0, off=-1.0)], SilentProgress())
+    plan, summary = selected(plate_scene(), [strip(0.0, off=-1.0)], SilentProgress())
     assert plan == []
     assert summary["rejected"] == summary["screened"] == 1
     assert summary["coverage"] == 0.0
+
+
+def with_check(scene: Scene, *quads: list[list[float]], face: int = 9) -> Scene:
+    return replace(scene, check=triangles_of(*quads, face=face))
+
+
+def test_what_is_in_the_way_is_named_and_the_rest_is_left_for_its_reason() -> None:
+    """A wall across the lower strip at x = 20: its shorter part is lost to the wall, the longer one is not needed."""
+    wall = [[20.0, 5.0, 1.0], [20.0, 15.0, 1.0], [20.0, 15.0, 30.0], [20.0, 5.0, 30.0]]
+    scene = with_check(plate_scene(0.45), wall)
+    choice = select(scene, [strip(0.0), strip(20.0)], SilentProgress())
+    (face,) = choice.summary["faces"]
+    # The upper strip alone does; of the lower one the cylinder of radius 3 comes up to 3 mm before or after the wall.
+    assert face["sweeps"] == 1 and choice.summary["rejected"] == 0
+    lost = face["left_mm2"]
+    assert set(lost) <= {"not_chosen", "collision", "small"}
+    assert face["in_the_way_mm2"] == {"cone too near to face 9": pytest.approx(lost["collision"], rel=0.2)}
+    assert lost["collision"] == pytest.approx((20.0 + 3.0) * FLUTE, rel=0.1)
+    (points,) = choice.coverage
+    assert points.areas.sum() == pytest.approx(WIDTH * HEIGHT)
+    assert points.area(Reason.COLLISION) == pytest.approx(lost["collision"])
+    forbidden = points.uv[points.reason == Reason.COLLISION]
+    assert forbidden[:, 0].max() < 24.0 and forbidden[:, 1].max() < 21.0
+    assert set(points.sweep[points.reason == Reason.COVERED]) == {0}
+    assert set(points.sweep[points.reason != Reason.COVERED]) == {-1}
+
+
+def test_nothing_can_be_cut_under_a_lid() -> None:
+    """The plan is empty, and says what forbids every sweep."""
+    lid = [[-10.0, -10.0, 4.0], [60.0, -10.0, 4.0], [60.0, 50.0, 4.0], [-10.0, 50.0, 4.0]]
+    choice = select(with_check(plate_scene(), lid), [strip(0.0), strip(20.0)], SilentProgress())
+    assert choice.plan == [] and choice.summary["coverage"] == 0.0
+    (face,) = choice.summary["faces"]
+    assert face["left_mm2"] == {"collision": pytest.approx(WIDTH * HEIGHT)}
+    assert any(what.endswith("face 9") for what in face["in_the_way_mm2"])
+
+
+def test_where_no_line_fits() -> None:
+    """A cylinder of radius 3 within a trough of radius 2."""
+    trough = replace(cylinder_face(2.0, (0.0, 30.0)), sense=1)
+    scene = scene_of(trough, tools=(TOOL,))
+    (face,) = select(scene, [], SilentProgress()).summary["faces"]
+    assert face["left_mm2"] == {"no_line": pytest.approx(np.pi * 30.0, rel=1e-3)}
+
+
+def test_a_sweep_a_little_too_deep_is_moved_off_the_face() -> None:
+    """11 µm too deep all along: cutting it short would leave nothing, and moving it off by 2 µm all of it."""
+    plan, summary = selected(plate_scene(0.4), [strip(0.0, off=-0.011)], SilentProgress())
+    assert summary["coverage"] == pytest.approx(0.5, abs=0.02)
+    assert -9.5 - 1e-6 < plan[0].facts["gap_min_um"] < -9.0
+
+
+def test_the_least_time_is_not_the_fewest_sweeps() -> None:
+    """One slow tool over everything against two quick ones side by side."""
+    slow = replace(TOOL, name="SLOW", length=41.0, number=2, feed_mm_min=200.0)
+    wide = replace(strip(0.0), tool="SLOW")
+    wide = replace(wide, motion=replace(wide.motion, q=wide.motion.p + np.array([0.0, 41.0, 0.0])))
+    sweeps = [wide, strip(0.0), strip(20.0)]
+    found = {}
+    for objective in ("sweeps", "time"):
+        scene = replace(plate_scene(0.95), tools=(TOOL, slow))
+        selection = msgspec.structs.replace(scene.job.selection, objective=objective)
+        scene = replace(scene, job=msgspec.structs.replace(scene.job, selection=selection))
+        choice = select(scene, sweeps, SilentProgress())
+        found[objective] = sorted(sweep.tool for sweep in choice.plan), choice.summary["faces"][0]["price"]
+    assert found["sweeps"] == (["SLOW"], 1.0)
+    assert found["time"][0] == ["C", "C"]
+    # 56 mm and the clearance twice at 1000 mm/min, a way to and from each, one tool.
+    assert found["time"][1] == pytest.approx(2 * (60.0 * 66.0 / 1000.0 + LINK_SECONDS) + TOOL_CHANGE_SECONDS, rel=1e-3)
+
+
+def test_of_as_few_sweeps_those_of_one_tool() -> None:
+    other = replace(TOOL, name="D", number=2)
+    scene = replace(plate_scene(0.95), tools=(TOOL, other))
+    sweeps = [replace(strip(0.0), tool="D"), strip(20.0), strip(0.0, off=0.0005)]
+    plan, summary = selected(scene, sweeps, SilentProgress())
+    assert [sweep.tool for sweep in plan] == ["C", "C"]
+    assert summary["tool_changes"] == 0
