@@ -12,8 +12,10 @@ from conflank_cli.errors import InputError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.job import parse_job
+from conflank_cli.machine_frame import machine_of
 from conflank_cli.motion import Motion, uniform_knots
-from conflank_cli.posting import machine_of, plan_to_toolpath, post_program, stretch_seconds
+from conflank_cli.posting import plan_to_toolpath, post_program
+from conflank_cli.posting.feeds import stretch_seconds
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE

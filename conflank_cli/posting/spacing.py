@@ -1,0 +1,156 @@
+"""Block spacing: as few blocks as keep the posted axis on the exact motion, whichever way the control interpolates.
+
+The control moves the tip on a straight line between blocks and swings the axis either on a great circle or by
+interpolating the rotary words, depending on its mode. Blocks are spaced so that the cutter's axis, from the tip to the
+plane of r_max, stays within `CHORD_TOLERANCE` of the exact motion either way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from conflank_cli.errors import NumericalError
+from conflank_cli.posting.ride import Ride
+from postprocessors.kinematics.two_rotary import Run, choose_words, forward
+from postprocessors.machines.machine import Machine
+
+Array = npt.NDArray[np.float64]
+
+CHORD_TOLERANCE = 3e-4
+"""mm. With rounding to four decimals (0.09 µm of the tip, 0.06 µm by both angles at 50 mm) the posted axis stays within
+the 0.5 µm that posting may cost."""
+SAMPLES_PER_SPAN = 16
+"""Samples of a motion for each knot span, from which the spacing is planned: its second derivative is linear there."""
+SAMPLES_AT_LEAST = 129
+CHECKS_PER_BLOCK = 7
+"""Places within each block where the deviation is checked; it is a bump with one top, or two and a zero between."""
+CHECK_SLACK = 0.97
+"""What a check at seven places can miss of the top of such a bump is below 2 %."""
+REFINEMENTS = 24
+"""Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
+
+
+def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
+    """Times of the blocks of each sweep, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+
+    The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
+    blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
+    coefficient) is halved.
+
+    Raises
+    ------
+    NumericalError: blocks get endlessly short.
+    """
+    times = [_planned_times(ride, machine, f"sweep {number}") for number, ride in enumerate(rides, start=1)]
+    limit = CHECK_SLACK * CHORD_TOLERANCE
+    for _ in range(REFINEMENTS):
+        # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
+        words = choose_words(machine, sweep_runs([ride.poses(t) for ride, t in zip(rides, times, strict=True)]))
+        done = True
+        for index, ride in enumerate(rides):
+            t = times[index]
+            fails = block_deviation(ride, t, words[index], machine) > limit
+            if fails.any():
+                done = False
+                times[index] = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[fails]]))
+        if done:
+            return times
+    raise NumericalError(
+        "posting",
+        f"blocks that are still too long after {REFINEMENTS} halvings",
+        "a motion whose rotary axes follow it",
+        "The sweep passes the pose where the first rotary axis is along the tool: turn the part in [setup].",
+    )
+
+
+def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
+    """Times that load all blocks alike, with the least count for which none exceeds the tolerance (or nearly).
+
+    `label` names the sweep in messages.
+    """
+    spans = len(np.unique(ride.motion.knots)) - 1
+    count = max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1)
+    t = np.linspace(0.0, 1.0, count)
+    tip, axis = ride.poses(t)
+    words = choose_words(machine, [Run(label, axis)])[0]
+    width = 2.0 / (count - 1)
+    pairs = np.stack([np.arange(count - 2), np.arange(2, count)], axis=1)
+    deviation = _deviation(ride, tip[pairs], axis[pairs], words[pairs], tip[1:-1, None], axis[1:-1, None], machine)
+    density = np.sqrt(deviation / (CHECK_SLACK * CHORD_TOLERANCE)) / width
+    density = np.concatenate([density[:1], density, density[-1:]])
+    # A straight stretch has no density of its own; a small one keeps the inverse of the integral defined.
+    density = np.maximum(density, max(1e-3 * float(density.max()), np.finfo(np.float64).tiny))
+    load = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(t))])
+    blocks = max(1, int(np.ceil(load[-1])))
+    for _ in range(6):
+        times = np.interp(np.linspace(0.0, load[-1], blocks + 1), load, t)
+        times[0], times[-1] = 0.0, 1.0
+        words = choose_words(machine, [Run(label, ride.poses(times)[1])])[0]
+        worst = float(block_deviation(ride, times, words, machine).max()) / (CHECK_SLACK * CHORD_TOLERANCE)
+        # Where even a third more blocks would not do, single blocks are to blame, and those get halved later.
+        if worst <= 1.0 or worst > 1.8:
+            break
+        blocks = max(blocks + 1, int(np.ceil(blocks * np.sqrt(worst))))
+    return np.asarray(times)
+
+
+def sweep_runs(poses: Sequence[tuple[Array, Array]]) -> list[Run]:
+    """The sweeps as runs of poses, named by number for messages."""
+    return [Run(f"sweep {number}", axis) for number, (_, axis) in enumerate(poses, start=1)]
+
+
+def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:
+    """Largest deviation (mm) of each block between t[i] and t[i + 1] from the exact motion, shape (N - 1,).
+
+    Both interpolations of the axis, at `CHECKS_PER_BLOCK` places, at the tip and at the plane of r_max; between these
+    heights the deviation is smaller.
+    """
+    tip, axis = ride.poses(t)
+    fractions = np.arange(1, CHECKS_PER_BLOCK + 1) / (CHECKS_PER_BLOCK + 1)
+    inner = t[:-1, None] + np.diff(t)[:, None] * fractions
+    inner_tip, inner_axis = ride.poses(inner.ravel())
+    pairs = np.stack([np.arange(len(t) - 1), np.arange(1, len(t))], axis=1)
+    shape = (*inner.shape, 3)
+    return _deviation(
+        ride, tip[pairs], axis[pairs], words[pairs], inner_tip.reshape(shape), inner_axis.reshape(shape), machine
+    )
+
+
+def _deviation(
+    ride: Ride, tip: Array, axis: Array, words: Array, inner_tip: Array, inner_axis: Array, machine: Machine
+) -> Array:
+    """Deviation of N blocks from K exact poses within each, mm, (N,).
+
+    tip, axis (N, 2, 3) and words (N, 2, 2) at the ends; inner_tip, inner_axis (N, K, 3) exact. When a pose is passed
+    does not matter, only that it is: each exact pose is compared with the place in the block that is level with its
+    middle.
+    """
+    reach = ride.reach
+    count, places, _ = inner_tip.shape
+    start = tip[:, 0] + 0.5 * reach * axis[:, 0]
+    chord = tip[:, 1] + 0.5 * reach * axis[:, 1] - start
+    along = np.einsum("nki,ni->nk", inner_tip + 0.5 * reach * inner_axis - start[:, None], chord)
+    share = (along / np.maximum(np.einsum("ni,ni->n", chord, chord), np.finfo(np.float64).tiny)[:, None])[..., None]
+    share = np.clip(share, 0.0, 1.0)
+    tips = tip[:, None, 0] + share * (tip[:, None, 1] - tip[:, None, 0])
+    error_tip = np.linalg.norm(tips - inner_tip, axis=2)
+
+    step = words[:, 1] - words[:, 0]
+    for column, rotary in enumerate(machine.rotary):
+        if rotary.range_deg is None:
+            step[:, column] -= 360.0 * np.round(step[:, column] / 360.0)
+    by_words = forward(machine, (words[:, None, 0] + share * step[:, None]).reshape(-1, 2)).reshape(count, places, 3)
+    sine = np.linalg.norm(np.cross(axis[:, 0], axis[:, 1]), axis=1)
+    angle = np.arctan2(sine, np.einsum("ni,ni->n", axis[:, 0], axis[:, 1]))[:, None, None]
+    # sin(x) / sin(angle) tends to x / angle, which sinc says without dividing by zero.
+    scale = np.sinc(angle / np.pi)
+    by_circle = (1.0 - share) * np.sinc((1.0 - share) * angle / np.pi) / scale * axis[:, None, 0]
+    by_circle += share * np.sinc(share * angle / np.pi) / scale * axis[:, None, 1]
+    worst = error_tip.max(axis=1)
+    for axes in (by_words, by_circle):
+        error_top = np.linalg.norm(tips - inner_tip + reach * (axes - inner_axis), axis=2)
+        worst = np.maximum(worst, error_top.max(axis=1))
+    return np.asarray(worst)
