@@ -141,7 +141,7 @@ class Screen:
         `slack` mm of violation is let pass, for poses that are still to be moved.
         """
         run = assembly_slack_parallel if parallel else assembly_slack
-        sections, component = _assembly(tool)
+        sections, component = assembly(tool)
         ball = np.array([tool.ball_centre_height, tool.ball_radius])
         free = reachable_axes(self.job, d)
         for cells, margins in ((self.design, self.design_margins), (self.check, self.check_margins)):
@@ -176,7 +176,7 @@ class Screen:
         return motion if (start, end) == (0.0, 1.0) else motion.restricted(start, end)
 
 
-def _assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
+def assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
     """Cone, shank and holder as truncated cones (S, 4): heights of both ends, radii there; and each one's component."""
     rows = [(0.0, tool.length, tool.r_min, tool.r_max)]
     names = ["cutter"]

@@ -24,8 +24,8 @@ from conflank_cli.geometry.screening import (
     Margins,
     PointCells,
     Screen,
-    _assembly,
     _silhouette,
+    assembly,
     longest_run,
     mesh_points,
 )
@@ -105,7 +105,7 @@ def test_pruning_misses_no_violation(seed: int, tool: Tool, margins: Margins) ->
     d /= np.linalg.norm(d, axis=1)[:, None]
     p -= d * rng.uniform(0.0, 100.0, (60, 1))
     cells = PointCells.of(points)
-    sections, component = _assembly(tool)
+    sections, component = assembly(tool)
     ball = np.array([tool.ball_centre_height, tool.ball_radius])
     limits = np.array([getattr(margins, name) for name in component])
     silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)

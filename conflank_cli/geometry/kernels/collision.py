@@ -1,0 +1,660 @@
+"""Exact signed distance between triangles and a body of revolution, at poses and along motions.
+
+A section of the tool, a solid truncated cone K, is convex, and so is its signed distance over all of space (negative
+inside, by the depth). The least of a convex function over a triangle is its least over the triangle's plane where that
+is attained within the triangle, and else lies on an edge that separates the two. Seen from the axis a plane is
+symmetric, so that its least lies on the line in which it meets the plane through the axis and its own normal. What is
+left is a convex function of one variable on a line, with a slope that is known: tangents at both ends of a bracket
+bound it from below. So each figure is exact to `TOLERANCE`, and is known to be.
+
+Sections come as rows (8,): height of the low and of the high end, radii there, sine and cosine of the half angle, 1
+for a ball (height of the centre as low and high, radius), 0 else, and the sign with which the sag of a triangle counts.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+# What the least over a line may be off, mm.
+TOLERANCE = 1e-5
+# Tangents halve a bracket at least every other step, so this many always do.
+STEPS = 80
+# Triangles in a leaf of the tree.
+LEAF = 4
+# Deepest stack of a tree that halves the number of triangles at every node.
+DEPTH = 64
+
+
+class Tree(NamedTuple):
+    """Triangles in a tree of bounding spheres that halves their number at each node, numbered in preorder.
+
+    corners (T, 3, 3) mm and sag (T,) mm of the triangles in the tree's order; order (T,) their numbers before.
+    first, last (M,): the triangles of a node; right (M,): its second child (the first is the next node), -1 for a leaf.
+    centre (M, 3), radius (M,) of its bounding sphere; sags (M,): the largest sag in it.
+    """
+
+    corners: np.ndarray
+    sag: np.ndarray
+    order: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    right: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+    sags: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def grow_tree(corners, middles, order, first, last, right, centre, radius):
+    """Sort `order` (T,) of the triangles `corners` (T, 3, 3) with their `middles` (T, 3) into a tree; returns its size.
+
+    first, last, right, centre, radius are as in `Tree`, long enough for 2 T nodes.
+    """
+    stack_low = np.empty(DEPTH, np.int64)
+    stack_high = np.empty(DEPTH, np.int64)
+    stack_parent = np.empty(DEPTH, np.int64)
+    stack_low[0] = 0
+    stack_high[0] = order.shape[0]
+    stack_parent[0] = -1
+    waiting = 1
+    count = 0
+    while waiting > 0:
+        waiting -= 1
+        low = stack_low[waiting]
+        high = stack_high[waiting]
+        if stack_parent[waiting] >= 0:
+            right[stack_parent[waiting]] = count
+        least = np.full(3, np.inf)
+        most = np.full(3, -np.inf)
+        inner_least = np.full(3, np.inf)
+        inner_most = np.full(3, -np.inf)
+        for i in range(low, high):
+            n = order[i]
+            for x in range(3):
+                inner_least[x] = min(inner_least[x], middles[n, x])
+                inner_most[x] = max(inner_most[x], middles[n, x])
+                for k in range(3):
+                    least[x] = min(least[x], corners[n, k, x])
+                    most[x] = max(most[x], corners[n, k, x])
+        square = 0.0
+        for x in range(3):
+            centre[count, x] = 0.5 * (least[x] + most[x])
+        for i in range(low, high):
+            for k in range(3):
+                away = 0.0
+                for x in range(3):
+                    away += (corners[order[i], k, x] - centre[count, x]) ** 2
+                square = max(square, away)
+        radius[count] = np.sqrt(square)
+        first[count] = low
+        last[count] = high
+        right[count] = -1
+        if high - low > LEAF:
+            axis = np.argmax(inner_most - inner_least)
+            own = order[low:high].copy()
+            order[low:high] = own[np.argsort(middles[own, axis])]
+            middle = (low + high) // 2
+            stack_low[waiting] = middle
+            stack_high[waiting] = high
+            stack_parent[waiting] = count
+            waiting += 1
+            stack_low[waiting] = low
+            stack_high[waiting] = middle
+            stack_parent[waiting] = -1
+            waiting += 1
+        count += 1
+    return count
+
+
+@njit(inline="always")
+def section_slope(z, r, section):
+    """Signed distance in the half plane (z along the axis, r across), and its derivatives by z and r."""
+    low = section[0]
+    high = section[1]
+    if section[6] > 0.5:
+        dz = z - low
+        distance = np.sqrt(dz * dz + r * r)
+        if distance < 1e-12:
+            return -section[2], 0.0, 0.0
+        return distance - section[2], dz / distance, r / distance
+    r_low = section[2]
+    r_high = section[3]
+    sine = section[4]
+    cosine = section[5]
+    lateral = (r - r_low) * cosine - (z - low) * sine
+    below = low - z
+    above = z - high
+    if lateral <= 0.0 and below <= 0.0 and above <= 0.0:
+        if lateral >= below and lateral >= above:
+            return lateral, -sine, cosine
+        if below >= above:
+            return below, -1.0, 0.0
+        return above, 1.0, 0.0
+    beside = (z - low) * cosine + (r - r_low) * sine
+    if lateral > 0.0 and beside >= 0.0 and beside <= (high - low) / cosine:
+        return lateral, -sine, cosine
+    if below > 0.0 and r <= r_low:
+        return below, -1.0, 0.0
+    if above > 0.0 and r <= r_high:
+        return above, 1.0, 0.0
+    if beside < 0.0:
+        distance = np.sqrt(below * below + (r - r_low) * (r - r_low))
+        return distance, -below / distance, (r - r_low) / distance
+    distance = np.sqrt(above * above + (r - r_high) * (r - r_high))
+    return distance, above / distance, (r - r_high) / distance
+
+
+@njit(inline="always")
+def line_slope(z, ez, square, b, c, t, section):
+    """Signed distance at t of a line and its slope; it is z + ez t along the axis and square + 2 b t + c t² across."""
+    r = np.sqrt(max(square + t * (2.0 * b + c * t), 0.0))
+    value, by_z, by_r = section_slope(z + ez * t, r, section)
+    # On the axis the radius has a kink, and every slope between those of both sides is one.
+    return value, by_z * ez + (by_r * (b + c * t) / r if r > 1e-9 else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def line_least(z, ez, square, b, c, length, section, cutoff):
+    """Least signed distance on a line for t in [0, length], and its t; not looked for once known to be above cutoff."""
+    low = 0.0
+    low_value, low_slope = line_slope(z, ez, square, b, c, low, section)
+    if low_slope >= 0.0:
+        return low_value, low
+    high = length
+    high_value, high_slope = line_slope(z, ez, square, b, c, high, section)
+    if high_slope <= 0.0:
+        return high_value, high
+    for step in range(STEPS):
+        # Where the tangents at both ends meet: nothing in between is lower.
+        meet = (high_value - low_value + low_slope * low - high_slope * high) / (low_slope - high_slope)
+        bound = low_value + low_slope * (meet - low)
+        if bound >= cutoff or min(low_value, high_value) - bound <= TOLERANCE:
+            break
+        if step % 3 == 2 or not low < meet < high:
+            meet = 0.5 * (low + high)
+        value, slope = line_slope(z, ez, square, b, c, meet, section)
+        if slope < 0.0:
+            low, low_value, low_slope = meet, value, slope
+        elif slope > 0.0:
+            high, high_value, high_slope = meet, value, slope
+        else:
+            return value, meet
+    if low_value <= high_value:
+        return low_value, low
+    return high_value, high
+
+
+@njit(inline="always")
+def edge_least(ax, ay, az, bx, by, bz, dx, dy, dz, section, cutoff):
+    """Least signed distance on an edge from a to b, relative to the pose's point, and the share of it."""
+    ex = bx - ax
+    ey = by - ay
+    ez = bz - az
+    length = np.sqrt(ex * ex + ey * ey + ez * ez)
+    z = ax * dx + ay * dy + az * dz
+    ox = ax - z * dx
+    oy = ay - z * dy
+    oz = az - z * dz
+    if length < 1e-12:
+        return section_slope(z, np.sqrt(ox * ox + oy * oy + oz * oz), section)[0], 0.0
+    ex /= length
+    ey /= length
+    ez /= length
+    along = ex * dx + ey * dy + ez * dz
+    fx = ex - along * dx
+    fy = ey - along * dy
+    fz = ez - along * dz
+    value, t = line_least(
+        z, along, ox * ox + oy * oy + oz * oz, ox * fx + oy * fy + oz * fz, fx * fx + fy * fy + fz * fz,
+        length, section, cutoff,
+    )  # fmt: skip
+    return value, t / length
+
+
+@njit(cache=True, nogil=True)
+def triangle_least(corners, px, py, pz, dx, dy, dz, section, cutoff):
+    """Least signed distance of a triangle (3, 3) to a section at a pose, and its place; above cutoff anything above."""
+    ax = corners[0, 0] - px
+    ay = corners[0, 1] - py
+    az = corners[0, 2] - pz
+    bx = corners[1, 0] - px
+    by = corners[1, 1] - py
+    bz = corners[1, 2] - pz
+    cx = corners[2, 0] - px
+    cy = corners[2, 1] - py
+    cz = corners[2, 2] - pz
+    nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
+    ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
+    nz = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    size = np.sqrt(nx * nx + ny * ny + nz * nz)
+    side_ab = -1.0
+    side_bc = -1.0
+    side_ca = -1.0
+    if size > 1e-12:
+        nx /= size
+        ny /= size
+        nz /= size
+        height = nx * ax + ny * ay + nz * az
+        along = nx * dx + ny * dy + nz * dz
+        ux = nx - along * dx
+        uy = ny - along * dy
+        uz = nz - along * dz
+        across = np.sqrt(ux * ux + uy * uy + uz * uz)
+        if across > 1e-9:
+            ux /= across
+            uy /= across
+            uz /= across
+        else:
+            # The plane lies across the axis: any direction in it will do.
+            across = 0.0
+            ux = bx - ax
+            uy = by - ay
+            uz = bz - az
+            length = np.sqrt(ux * ux + uy * uy + uz * uz)
+            ux /= length
+            uy /= length
+            uz /= length
+        if section[6] > 0.5:
+            middle = section[0]
+            reach = section[2]
+        else:
+            middle = 0.5 * (section[0] + section[1])
+            reach = np.sqrt(0.25 * (section[1] - section[0]) ** 2 + max(section[2], section[3]) ** 2)
+        # Along the line the height is height along + t across, the signed radius height across - t along. What is
+        # nearest to the section is within the section's own size of where its middle falls on the line.
+        start = middle * across - reach
+        z = height * along + start * across
+        r = height * across - start * along
+        value, t = line_least(z, across, r * r, -r * along, along * along, 2.0 * reach, section, cutoff)
+        if value >= cutoff:
+            return value, 0.0, 0.0, 0.0
+        z += t * across
+        r -= t * along
+        x = z * dx + r * ux
+        y = z * dy + r * uy
+        w = z * dz + r * uz
+        side_ab = nx * ((by - ay) * (w - az) - (bz - az) * (y - ay)) + ny * (
+            (bz - az) * (x - ax) - (bx - ax) * (w - az)
+        ) + nz * ((bx - ax) * (y - ay) - (by - ay) * (x - ax))  # fmt: skip
+        side_bc = nx * ((cy - by) * (w - bz) - (cz - bz) * (y - by)) + ny * (
+            (cz - bz) * (x - bx) - (cx - bx) * (w - bz)
+        ) + nz * ((cx - bx) * (y - by) - (cy - by) * (x - bx))  # fmt: skip
+        side_ca = nx * ((ay - cy) * (w - cz) - (az - cz) * (y - cy)) + ny * (
+            (az - cz) * (x - cx) - (ax - cx) * (w - cz)
+        ) + nz * ((ax - cx) * (y - cy) - (ay - cy) * (x - cx))  # fmt: skip
+        if side_ab >= 0.0 and side_bc >= 0.0 and side_ca >= 0.0:
+            return value, px + x, py + y, pz + w
+    best = np.inf
+    x = 0.0
+    y = 0.0
+    w = 0.0
+    if side_ab < 0.0:
+        value, share = edge_least(ax, ay, az, bx, by, bz, dx, dy, dz, section, min(cutoff, best))
+        if value < best:
+            best = value
+            x = ax + share * (bx - ax)
+            y = ay + share * (by - ay)
+            w = az + share * (bz - az)
+    if side_bc < 0.0:
+        value, share = edge_least(bx, by, bz, cx, cy, cz, dx, dy, dz, section, min(cutoff, best))
+        if value < best:
+            best = value
+            x = bx + share * (cx - bx)
+            y = by + share * (cy - by)
+            w = bz + share * (cz - bz)
+    if side_ca < 0.0:
+        value, share = edge_least(cx, cy, cz, ax, ay, az, dx, dy, dz, section, min(cutoff, best))
+        if value < best:
+            best = value
+            x = cx + share * (ax - cx)
+            y = cy + share * (ay - cy)
+            w = cz + share * (az - cz)
+    return best, px + x, py + y, pz + w
+
+
+@njit(inline="always")
+def node_bound(tree, node, px, py, pz, dx, dy, dz, section):
+    """What no triangle of a node is nearer than."""
+    x = tree.centre[node, 0] - px
+    y = tree.centre[node, 1] - py
+    w = tree.centre[node, 2] - pz
+    z = x * dx + y * dy + w * dz
+    r = np.sqrt(max(x * x + y * y + w * w - z * z, 0.0))
+    return section_slope(z, r, section)[0] - tree.radius[node] + min(section[7] * tree.sags[node], 0.0)
+
+
+@njit(cache=True, nogil=True)
+def tree_least(tree, px, py, pz, dx, dy, dz, section, cutoff, stop):
+    """Least signed distance of all triangles, sag counted, to a section at a pose; the triangle and its place.
+
+    What is not below `cutoff` is not looked for (then the triangle is -1); once something is below `stop` it will do.
+    """
+    best = cutoff
+    found = -1
+    fx = 0.0
+    fy = 0.0
+    fz = 0.0
+    stack = np.empty(DEPTH, np.int64)
+    bounds = np.empty(DEPTH, np.float64)
+    waiting = 0
+    if tree.first.shape[0] > 0:
+        stack[0] = 0
+        bounds[0] = node_bound(tree, 0, px, py, pz, dx, dy, dz, section)
+        waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        if bounds[waiting] >= best:
+            continue
+        node = stack[waiting]
+        if tree.right[node] < 0:
+            for i in range(tree.first[node], tree.last[node]):
+                sag = section[7] * tree.sag[i]
+                value, x, y, z = triangle_least(tree.corners[i], px, py, pz, dx, dy, dz, section, best - sag)
+                if value + sag < best:
+                    best = value + sag
+                    found = i
+                    fx = x
+                    fy = y
+                    fz = z
+            if best < stop:
+                break
+            continue
+        near = node + 1
+        far = tree.right[node]
+        near_bound = node_bound(tree, near, px, py, pz, dx, dy, dz, section)
+        far_bound = node_bound(tree, far, px, py, pz, dx, dy, dz, section)
+        if far_bound < near_bound:
+            near, far = far, near
+            near_bound, far_bound = far_bound, near_bound
+        stack[waiting] = far
+        bounds[waiting] = far_bound
+        stack[waiting + 1] = near
+        bounds[waiting + 1] = near_bound
+        waiting += 2
+    return best, found, fx, fy, fz
+
+
+@njit(cache=True, nogil=True)
+def poses_least(tree, p, d, sections, component, limits, slack, value, triangle, place):
+    """Least slack (signed distance less limit) of each component at each pose, where it is below what `slack` has.
+
+    p, d (M, 3); sections (S, 8); component (S,) of each section; limits (S,) mm. slack, value (M, C) mm, triangle
+    (M, C) in the tree's order and place (M, C, 3) are overwritten where something is nearer.
+    """
+    for k in range(p.shape[0]):
+        for s in range(sections.shape[0]):
+            c = component[s]
+            best, found, x, y, z = tree_least(
+                tree, p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2], sections[s],
+                limits[s] + slack[k, c], -np.inf,
+            )  # fmt: skip
+            if found >= 0:
+                slack[k, c] = best - limits[s]
+                value[k, c] = best
+                triangle[k, c] = found
+                place[k, c, 0] = x
+                place[k, c, 1] = y
+                place[k, c, 2] = z
+
+
+@njit(cache=True, nogil=True)
+def poses_free(tree, p, d, sections, limits, free):
+    """Set `free` (M,) to False at the poses where a section comes nearer than its limit."""
+    for k in range(p.shape[0]):
+        for s in range(sections.shape[0]):
+            if not free[k]:
+                break
+            found = tree_least(
+                tree, p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2], sections[s], limits[s], limits[s]
+            )[1]
+            free[k] = found < 0
+
+
+@njit(inline="always")
+def shifted(polynomial, middle, half, out):
+    """The cubic of a span about `middle`, in units of `half`: out (4, 6)."""
+    for x in range(6):
+        c1 = polynomial[1, x]
+        c2 = polynomial[2, x]
+        c3 = polynomial[3, x]
+        out[0, x] = polynomial[0, x] + middle * (c1 + middle * (c2 + middle * c3))
+        out[1, x] = half * (c1 + middle * (2.0 * c2 + middle * 3.0 * c3))
+        out[2, x] = half * half * (c2 + 3.0 * middle * c3)
+        out[3, x] = half * half * half * c3
+
+
+@njit(inline="always")
+def axis_of(local):
+    """Length of q - p at the middle of a stretch, and its direction."""
+    x = local[0, 3] - local[0, 0]
+    y = local[0, 4] - local[0, 1]
+    z = local[0, 5] - local[0, 2]
+    length = np.sqrt(x * x + y * y + z * z)
+    return length, x / length, y / length, z / length
+
+
+@njit(inline="always")
+def section_travel(local, section):
+    """How far any point of a section gets from where it is at the middle of a stretch, at most, mm.
+
+    local (4, 6): p and q about the middle. A point at height z is p + z w / |w| with w = q - p; with l = |w| at the
+    middle it is the cubic p + (z / l) w, off by no more than z times what |w| changes by; what sits a radius r across
+    moves by r times the turn of the axis more, spin aside, which a body of revolution does not feel.
+    """
+    long = axis_of(local)[0]
+    turn = 0.0
+    stretch = 0.0
+    low = 0.0
+    high = 0.0
+    z_low = section[0] - (section[2] if section[6] > 0.5 else 0.0)
+    z_high = section[1] + (section[2] if section[6] > 0.5 else 0.0)
+    for k in range(1, 4):
+        square = 0.0
+        along = 0.0
+        square_low = 0.0
+        square_high = 0.0
+        for x in range(3):
+            w = local[k, 3 + x] - local[k, x]
+            square += w * w
+            along += w * (local[0, 3 + x] - local[0, x]) / long
+            square_low += (local[k, x] + z_low / long * w) ** 2
+            square_high += (local[k, x] + z_high / long * w) ** 2
+        turn += np.sqrt(square)
+        stretch += abs(along)
+        low += np.sqrt(square_low)
+        high += np.sqrt(square_high)
+    if turn > 0.5 * long:
+        return np.inf
+    # |w| <= sqrt((l + a)^2 + b^2) <= l + a + b^2 / 2 (l + a), and not below l - a.
+    stretch += turn * turn / long
+    reach = max(low + abs(z_low) * stretch / long, high + abs(z_high) * stretch / long)
+    if section[6] > 0.5:
+        # A ball goes where its centre goes.
+        square = 0.0
+        low = 0.0
+        for k in range(1, 4):
+            square = 0.0
+            for x in range(3):
+                square += (local[k, x] + section[0] / long * (local[k, 3 + x] - local[k, x])) ** 2
+            low += np.sqrt(square)
+        return low + abs(section[0]) * stretch / long
+    return reach + max(section[2], section[3]) * (turn + stretch) / long
+
+
+@njit(cache=True, nogil=True)
+def hits_along(tree, polynomials, breaks, sections, limits, coarse, fine, hits):
+    """Times of a motion at which a section comes nearer than its limit, as intervals; returns how many.
+
+    polynomials (N, 4, 6): p and q in the local parameter of each span between breaks (N + 1,). Between the middle of a
+    stretch and its ends a section moves by no more than it does: where it keeps its limit and as much again, all of the
+    stretch is free; else it is halved, until a section that is too near moves less than `coarse`, or one that merely
+    cannot be told moves less than `fine`. What cannot be told counts as a hit. hits (H, 2): intervals in order, joined
+    where they touch; the last row takes up what would be too many.
+    """
+    count = 0
+    local = np.empty((4, 6))
+    low = np.empty(DEPTH)
+    high = np.empty(DEPTH)
+    pending = np.empty((DEPTH, sections.shape[0]), np.bool_)
+    for span in range(polynomials.shape[0]):
+        width = breaks[span + 1] - breaks[span]
+        low[0] = 0.0
+        high[0] = 1.0
+        pending[0] = True
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
+            a = low[waiting]
+            b = high[waiting]
+            half = 0.5 * (b - a)
+            shifted(polynomials[span], a + half, half, local)
+            _, dx, dy, dz = axis_of(local)
+            hit = False
+            unsure = False
+            for s in range(sections.shape[0]):
+                if not pending[waiting, s]:
+                    continue
+                way = section_travel(local, sections[s])
+                value, found, _, _, _ = tree_least(
+                    tree, local[0, 0], local[0, 1], local[0, 2], dx, dy, dz, sections[s],
+                    limits[s] + way, limits[s] - way,
+                )  # fmt: skip
+                if found < 0:
+                    pending[waiting, s] = False
+                    continue
+                unsure = True
+                if value < limits[s] - way or way <= (coarse if value < limits[s] else fine):
+                    hit = True
+                    break
+            if hit or (unsure and waiting + 2 > DEPTH):
+                start = breaks[span] + a * width
+                end = breaks[span] + b * width
+                if count > 0 and (start <= hits[count - 1, 1] + 1e-12 or count == hits.shape[0]):
+                    hits[count - 1, 1] = end
+                else:
+                    hits[count, 0] = start
+                    hits[count, 1] = end
+                    count += 1
+            elif unsure:
+                middle = a + half
+                pending[waiting + 1] = pending[waiting]
+                low[waiting] = middle
+                high[waiting] = b
+                low[waiting + 1] = a
+                high[waiting + 1] = middle
+                waiting += 2
+    return count
+
+
+@njit(cache=True, nogil=True)
+def least_along(
+    tree, polynomials, breaks, sections, component, limits, resolution, slack, value, time, triangle, place
+):
+    """Least slack of each component along a motion, where it is below what `slack` (C,) has, within `resolution` mm.
+
+    As `hits_along`; value, time, triangle (C,) and place (C, 3) are those of the least.
+    """
+    local = np.empty((4, 6))
+    low = np.empty(DEPTH)
+    high = np.empty(DEPTH)
+    spans = polynomials.shape[0]
+    for s in range(sections.shape[0]):
+        c = component[s]
+        # The middles of all spans first: the rest has to beat the best of them.
+        for turn in range(2):
+            for span in range(spans):
+                low[0] = 0.0
+                high[0] = 1.0
+                waiting = 1
+                while waiting > 0:
+                    waiting -= 1
+                    a = low[waiting]
+                    b = high[waiting]
+                    half = 0.5 * (b - a)
+                    shifted(polynomials[span], a + half, half, local)
+                    _, dx, dy, dz = axis_of(local)
+                    way = section_travel(local, sections[s]) if turn == 1 else 0.0
+                    best, found, x, y, z = tree_least(
+                        tree, local[0, 0], local[0, 1], local[0, 2], dx, dy, dz, sections[s],
+                        limits[s] + slack[c] + (max(way - resolution, 0.0) if turn == 1 else 0.0), -np.inf,
+                    )  # fmt: skip
+                    if found < 0:
+                        continue
+                    if best - limits[s] < slack[c]:
+                        slack[c] = best - limits[s]
+                        value[c] = best
+                        time[c] = breaks[span] + (a + half) * (breaks[span + 1] - breaks[span])
+                        triangle[c] = found
+                        place[c, 0] = x
+                        place[c, 1] = y
+                        place[c, 2] = z
+                    if turn == 1 and way > resolution and waiting + 2 <= DEPTH:
+                        low[waiting] = a + half
+                        high[waiting] = b
+                        low[waiting + 1] = a
+                        high[waiting + 1] = a + half
+                        waiting += 2
+
+
+@njit(cache=True, nogil=True)
+def crossings(tree, x, y, z, dx, dy, dz, body, of, count):
+    """How often a ray from a point crosses the triangles of each body; count (B,), body (T,) in the tree's order.
+
+    of: bodies that are asked for, (B,) bool. Does not promise a right answer where the ray meets an edge.
+    """
+    stack = np.empty(DEPTH, np.int64)
+    waiting = 0
+    if tree.first.shape[0] > 0:
+        stack[0] = 0
+        waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        cx = tree.centre[node, 0] - x
+        cy = tree.centre[node, 1] - y
+        cz = tree.centre[node, 2] - z
+        along = cx * dx + cy * dy + cz * dz
+        radius = tree.radius[node]
+        if along < -radius or cx * cx + cy * cy + cz * cz - along * along > radius * radius + 1e-9:
+            continue
+        if tree.right[node] >= 0:
+            stack[waiting] = node + 1
+            stack[waiting + 1] = tree.right[node]
+            waiting += 2
+            continue
+        for i in range(tree.first[node], tree.last[node]):
+            if not of[body[i]]:
+                continue
+            # Möller and Trumbore (1997): the ray's parameter and the place in the triangle by Cramer's rule.
+            ax = tree.corners[i, 0, 0]
+            ay = tree.corners[i, 0, 1]
+            az = tree.corners[i, 0, 2]
+            ux = tree.corners[i, 1, 0] - ax
+            uy = tree.corners[i, 1, 1] - ay
+            uz = tree.corners[i, 1, 2] - az
+            vx = tree.corners[i, 2, 0] - ax
+            vy = tree.corners[i, 2, 1] - ay
+            vz = tree.corners[i, 2, 2] - az
+            hx = dy * vz - dz * vy
+            hy = dz * vx - dx * vz
+            hz = dx * vy - dy * vx
+            determinant = ux * hx + uy * hy + uz * hz
+            if determinant == 0.0:
+                continue
+            sx = x - ax
+            sy = y - ay
+            sz = z - az
+            first = (sx * hx + sy * hy + sz * hz) / determinant
+            if first < 0.0 or first > 1.0:
+                continue
+            qx = sy * uz - sz * uy
+            qy = sz * ux - sx * uz
+            qz = sx * uy - sy * ux
+            second = (dx * qx + dy * qy + dz * qz) / determinant
+            if second < 0.0 or first + second > 1.0:
+                continue
+            if (vx * qx + vy * qy + vz * qz) / determinant > 0.0:
+                count[body[i]] += 1
