@@ -10,6 +10,7 @@ import numpy.typing as npt
 from conflank_cli import job as jobs
 from conflank_cli.cad.loops import Box, bounds, clip, merge, rectangle, snap
 from conflank_cli.cad.mesh import mesh_faces
+from conflank_cli.cad.obstacles import read_obstacles
 from conflank_cli.cad.part import FaceGeometry, Part, PartFace
 from conflank_cli.cad.quadrature import trimmed_area
 from conflank_cli.cad.reader import read_part
@@ -36,17 +37,18 @@ def load_scene(job: jobs.Job, folder: Path) -> Scene:
 
     Raises
     ------
-    InputError: as `read_part`, `resolve_faces`, `check_mesh` and `Job.resolved_tools`.
+    InputError: as `read_part`, `resolve_faces`, `check_mesh`, `read_obstacles` and `Job.resolved_tools`.
     """
     tools = job.resolved_tools()
     part = read_part(folder / job.part.file, job.part.scale)
+    obstacles, hashes = read_obstacles(job, folder)
     return Scene(
         job,
         part.name,
         resolve_faces(part, job.part),
         tools,
-        check_mesh(part, job.part),
-        {part.file: part.sha256},
+        CheckMesh.joined([check_mesh(part, job.part), obstacles]),
+        {part.file: part.sha256, **hashes},
     )
 
 

@@ -27,8 +27,7 @@ def detect(source: str, output: str, density: Literal["quick", "normal", "exhaus
     from msgspec.structs import replace
 
     from conflank_cli.artifacts import write_artifact
-    from conflank_cli.cad.scene import load_scene
-    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.stages import run_detect
     from conflank_cli.output import check_output
 
@@ -37,6 +36,6 @@ def detect(source: str, output: str, density: Literal["quick", "normal", "exhaus
         job = replace(job, detection=replace(job.detection, density=density))
     inputs = files_of(source, job, folder)
     check_output(output, inputs, binary=True)
-    scene = load_scene(job, folder)
+    scene = read_scene(job, folder, talk)
     sweeps, summary = run_detect(scene, talk)
     write_artifact("candidates", scene, sweeps, summary, output, inputs)

@@ -37,6 +37,17 @@ def files_of(source: str, job: Job, folder: Path) -> list[Path]:
     return [folder / name for name in names] + ([] if source == STANDARD else [Path(source)])
 
 
+def read_scene(job: Job, folder: Path, talk: Talk) -> Scene:
+    """The scene of a job; says what is odd about its obstacles."""
+    from conflank_cli.cad.obstacles import obstacle_notes
+    from conflank_cli.cad.scene import load_scene
+
+    scene = load_scene(job, folder)
+    for text in obstacle_notes(scene):
+        talk.note(f"note: {text}")
+    return scene
+
+
 def override(scene: Scene, stage: str, job_file: str | None, talk: Talk) -> Scene:
     """The scene with those tables of another job file that are downstream of `stage`; says what it does not take."""
     if job_file is None:
@@ -44,10 +55,14 @@ def override(scene: Scene, stage: str, job_file: str | None, talk: Talk) -> Scen
     from msgspec.structs import asdict
     from msgspec.structs import replace as replace_struct
 
-    job, _ = read_job(job_file)
+    job, folder = read_job(job_file)
     taken, given = asdict(scene.job), asdict(job)
     late = DOWNSTREAM[stage]
     kept = [name for name in taken if name not in late and taken[name] != given[name]]
     if kept:
         talk.note(f"note: [{'], ['.join(kept)}] of {job_file} differ, but are settled before {stage}: not used")
+    if "obstacles" in late and job.obstacles.meshes != scene.job.obstacles.meshes:
+        from conflank_cli.cad.obstacles import with_obstacles
+
+        scene = with_obstacles(scene, job, folder)
     return replace(scene, job=replace_struct(scene.job, **{name: given[name] for name in late}))

@@ -26,8 +26,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     import msgspec
 
     from conflank_cli.artifacts.npz import encode_artifact
-    from conflank_cli.cad.scene import load_scene
-    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
@@ -48,7 +47,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
             check_output(out / name, inputs)
     # A machine that does not exist should not be found out after all the computing.
     machine_of(job)
-    scene = load_scene(job, folder)
+    scene = read_scene(job, folder, talk)
 
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)

@@ -27,8 +27,7 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     PROGRAM is any program for the control, ours or foreign. Exit code 1 means that there are findings.
     """
     from conflank_cli.artifacts.npz import read_source
-    from conflank_cli.cad.scene import load_scene
-    from conflank_cli.commands.inputs import files_of, read_job
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.stages import run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
@@ -40,7 +39,7 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     inputs: list[str | Path] = [source, *files_of(job_file, job, folder)]
     check_output(output, inputs)
     name, program = read_source(source)
-    scene = load_scene(job, folder)
+    scene = read_scene(job, folder, talk)
     verification = run_verify(program, name, scene, talk)
     write_output(verification.to_json().decode(), output, inputs)
     talk.note(judgement(verification))

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.geometry.face_mesh import face_mesh, is_closed, mesh_sags
+from conflank_cli.geometry.face_mesh import face_mesh, mesh_sags, open_edges
 from conflank_cli.geometry.gap import polynomials_of, travel
 from conflank_cli.geometry.kernels.collision import (
-    Tree,
     crossings,
     grow_tree,
     hits_along,
@@ -55,6 +54,25 @@ BATCH = 256
 RAY = np.array([0.5377, 0.2147, 0.8154])
 
 
+class Tree(NamedTuple):
+    """Triangles in a tree of bounding spheres that halves their number at each node, numbered in preorder.
+
+    corners (T, 3, 3) mm and sag (T,) mm of the triangles in the tree's order; order (T,) their numbers before.
+    first, last (M,): the triangles of a node; right (M,): its second child (the first is the next node), -1 for a leaf.
+    centre (M, 3), radius (M,) of its bounding sphere; sags (M,): the largest sag in it.
+    """
+
+    corners: Array
+    sag: Array
+    order: IntArray
+    first: IntArray
+    last: IntArray
+    right: IntArray
+    centre: Array
+    radius: Array
+    sags: Array
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
     """Triangles that keep the same margins.
@@ -81,7 +99,7 @@ class Body:
         order, tree = _grown(mesh, mesh_sags(mesh) if sag is None else sag)
         face = mesh.face[order].astype(np.int64)
         foreign = [int(number) for number in np.unique(face) if number < 0]
-        closed = tuple(number for number in foreign if is_closed(_only(mesh, number)))
+        closed = tuple(number for number in foreign if not open_edges(mesh.only(mesh.face == number)))
         return cls(name, tree, face, margins, closed)
 
 
@@ -154,7 +172,7 @@ class Collider:
     ----------
     scene: the machine's reach and the setup are taken from it.
     bodies: design faces, the rest of the part, obstacles; those that there are.
-    names: of the bodies that messages speak of, by obstacle.
+    names: of the obstacles.
     """
 
     scene: Scene
@@ -173,12 +191,12 @@ class Collider:
             # cutter leaves is judged by the swept gap; here what cannot be told between poses is let pass.
             limits = Margins(allowance - over - FINE, allowance - over, margin.holder + HOLDER_RESERVE)
             sag = np.concatenate([sag for _, sag in pieces])
-            bodies.append(Body.of("design face", _joined([mesh for mesh, _ in pieces]), limits, sag))
-        own = _only(scene.check)
+            bodies.append(Body.of("design face", CheckMesh.joined([mesh for mesh, _ in pieces]), limits, sag))
+        own = scene.check.only(scene.check.face >= 0)
         if len(own.triangles):
             limits = Margins(RESERVE - over, margin.shank + RESERVE, margin.holder + HOLDER_RESERVE)
             bodies.append(Body.of("part", own, limits))
-        foreign = _foreign(scene.check)
+        foreign = scene.check.only(scene.check.face < 0)
         if len(foreign.triangles):
             limits = Margins(margin.cutter + RESERVE, margin.shank + RESERVE, margin.holder + HOLDER_RESERVE)
             bodies.append(Body.of("obstacle", foreign, limits))
@@ -415,23 +433,3 @@ def _grown(mesh: CheckMesh, sag: Array) -> tuple[IntArray, Tree]:
         right[:size].copy(), centre[:size].copy(), radius[:size].copy(), peaks.reshape(-1),
     )  # fmt: skip
     return order, tree
-
-
-def _only(mesh: CheckMesh, number: int | None = None) -> CheckMesh:
-    """The part's own triangles, or those of one number."""
-    chosen = mesh.face >= 0 if number is None else mesh.face == number
-    return replace(mesh, triangles=mesh.triangles[chosen], face=mesh.face[chosen])
-
-
-def _foreign(mesh: CheckMesh) -> CheckMesh:
-    chosen = mesh.face < 0
-    return replace(mesh, triangles=mesh.triangles[chosen], face=mesh.face[chosen])
-
-
-def _joined(meshes: list[CheckMesh]) -> CheckMesh:
-    offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    return CheckMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.triangles + np.int32(k) for mesh, k in zip(meshes, offsets, strict=True)]),
-        np.concatenate([mesh.face for mesh in meshes]),
-    )

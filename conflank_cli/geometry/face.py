@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +42,24 @@ class CheckMesh:
     ----------
     vertices: (N, 3) mm, CAD frame.
     triangles: (M, 3) int32, counter-clockwise seen from outside where the file knows outside.
-    face: (M,) int32, the CAD face each triangle belongs to; -1 for meshes from elsewhere.
+    face: (M,) int32, the CAD face each triangle belongs to; obstacles, meshes from elsewhere, count down from -1.
     """
 
     vertices: Array
     triangles: npt.NDArray[np.int32]
     face: npt.NDArray[np.int32]
+
+    @classmethod
+    def joined(cls, meshes: Sequence[CheckMesh]) -> CheckMesh:
+        """One mesh of several."""
+        offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+        return cls(
+            np.concatenate([mesh.vertices for mesh in meshes]),
+            np.concatenate([mesh.triangles + np.int32(k) for mesh, k in zip(meshes, offsets, strict=True)]),
+            np.concatenate([mesh.face for mesh in meshes]),
+        )
+
+    def only(self, chosen: npt.NDArray[np.bool_]) -> CheckMesh:
+        """The chosen triangles (M,), and the vertices they use."""
+        used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
+        return CheckMesh(self.vertices[used], triangles.reshape(-1, 3).astype(np.int32), self.face[chosen])

@@ -133,12 +133,10 @@ def mesh_sags(mesh: CheckMesh) -> Array:
     return np.where(mesh.face >= 0, spread, 0.0)
 
 
-def is_closed(mesh: CheckMesh) -> bool:
-    """Whether every edge has two triangles, so that there is an inside."""
+def open_edges(mesh: CheckMesh) -> int:
+    """How many edges have an odd number of triangles; where there is none the mesh has an inside."""
     corners = welded(mesh)
-    whole = corners[
-        (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 2] != corners[:, 0])
-    ]
+    whole = corners[[len(set(row)) == 3 for row in corners.tolist()]]
     edge = np.sort(np.concatenate([whole[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
     _, count = np.unique(edge, axis=0, return_counts=True)
-    return bool(len(count) and np.all(count % 2 == 0))
+    return int(np.sum(count % 2))

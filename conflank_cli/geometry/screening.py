@@ -28,6 +28,10 @@ COARSE = 33
 # Points are at most this far apart, mm, and thinned to half of that: between them a ball of radius 1.5 in a fillet of
 # radius 2 could cut some 4 µm deeper, 7 µm at worst. Verification samples on its own and has the last word.
 POINT_SPACING = 0.4
+# Foreign bodies can be large; their margins are wider than what is missed between points so far apart, mm.
+OBSTACLE_SPACING = 1.0
+# Their triangles are cut down to this, mm, and what is out of reach is left away.
+LARGEST = 20.0
 # Shank and holder keep this much more than their margins, mm, for what lies between the poses and points looked at.
 RESERVE = 0.02
 # Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, a few hundred points in each.
@@ -81,6 +85,31 @@ def mesh_points(mesh: CheckMesh, spacing: float) -> Array:
     return points[np.sort(first)]
 
 
+def _within_reach(scene: Scene, points: Array, spacing: float) -> Array:
+    """Points of the obstacles that a tool at the design faces, of which `points` (N, 3) are given, can come near."""
+    foreign = scene.check.only(scene.check.face < 0)
+    if not len(foreign.triangles):
+        return np.zeros((0, 3))
+    tops = [tool.length - tool.tip_height + sum(s.length for s in (*tool.shank, *tool.holder)) for tool in scene.tools]
+    low, high = points.min(axis=0) - max(tops), points.max(axis=0) + max(tops)
+    corners = foreign.vertices[foreign.triangles]
+    while True:
+        corners = corners[((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)]
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        long = sides.max(axis=1, initial=0.0) > LARGEST
+        if not long.any():
+            break
+        # Halved across the longest side, and only what is near goes on: a body may be far larger than the part.
+        rows, k = np.arange(int(long.sum())), sides[long].argmax(axis=1)
+        a, b, c = (corners[long][rows, (k + i) % 3] for i in range(3))
+        middle = 0.5 * (a + b)
+        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        corners = np.concatenate([corners[~long], *halves])
+    triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+    found = mesh_points(CheckMesh(corners.reshape(-1, 3), triangles, triangles[:, 0]), spacing)
+    return np.asarray(found[((found >= low) & (found <= high)).all(axis=1)])
+
+
 def _packed(key: IntArray) -> IntArray:
     """One number for each row of a table of cell indices (N, 3)."""
     low = key.min(axis=0)
@@ -108,14 +137,17 @@ class Screen:
     design: points of the design faces; cutter and shank may not overcut them, the holder keeps its margin.
     check: points of the check geometry; the cutter may not overcut it (it is the same part), shank and holder keep
         their margins.
-    design_margins, check_margins: those distances.
+    obstacles: points of foreign bodies where a tool reaches them; every component keeps its margin.
+    design_margins, check_margins, obstacle_margins: those distances.
     """
 
     job: Job
     design: PointCells
     check: PointCells
+    obstacles: PointCells
     design_margins: Margins
     check_margins: Margins
+    obstacle_margins: Margins
 
     @classmethod
     def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
@@ -129,10 +161,12 @@ class Screen:
         return cls(
             scene.job,
             PointCells.of(points),
-            PointCells.of(mesh_points(scene.check, spacing)),
+            PointCells.of(mesh_points(scene.check.only(scene.check.face >= 0), spacing)),
+            PointCells.of(_within_reach(scene, points, max(spacing, OBSTACLE_SPACING))),
             # The shank leaves the top of the cone tangentially: what the cone may overcut, it overcuts too.
             Margins(allowance - over, allowance - over, margin.holder + RESERVE),
             Margins(-over, margin.shank + RESERVE, margin.holder + RESERVE),
+            Margins(margin.cutter + RESERVE, margin.shank + RESERVE, margin.holder + RESERVE),
         )
 
     def free(self, p: Array, d: Array, tool: Tool, slack: float = 0.0, parallel: bool = False) -> BoolArray:
@@ -144,7 +178,13 @@ class Screen:
         sections, component = assembly(tool)
         ball = np.array([tool.ball_centre_height, tool.ball_radius])
         free = reachable_axes(self.job, d)
-        for cells, margins in ((self.design, self.design_margins), (self.check, self.check_margins)):
+        for cells, margins in (
+            (self.design, self.design_margins),
+            (self.check, self.check_margins),
+            (self.obstacles, self.obstacle_margins),
+        ):
+            if not len(cells.points):
+                continue
             limits = np.array([getattr(margins, name) for name in component])
             left = np.full(len(p), ENOUGH)
             silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)

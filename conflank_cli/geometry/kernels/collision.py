@@ -7,13 +7,15 @@ symmetric, so that its least lies on the line in which it meets the plane throug
 left is a convex function of one variable on a line, with a slope that is known: tangents at both ends of a bracket
 bound it from below. So each figure is exact to `TOLERANCE`, and is known to be.
 
+A tree has the triangles' corners (T, 3, 3) and sag (T,) in its own order, and for each node, numbered in preorder,
+its first and last triangle, its second child `right` (the first is the next node; -1 for a leaf), centre and radius of
+a bounding sphere, and the largest sag in it.
+
 Sections come as rows (8,): height of the low and of the high end, radii there, sine and cosine of the half angle, 1
 for a ball (height of the centre as low and high, radius), 0 else, and the sign with which the sag of a triangle counts.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,30 +30,11 @@ LEAF = 4
 DEPTH = 64
 
 
-class Tree(NamedTuple):
-    """Triangles in a tree of bounding spheres that halves their number at each node, numbered in preorder.
-
-    corners (T, 3, 3) mm and sag (T,) mm of the triangles in the tree's order; order (T,) their numbers before.
-    first, last (M,): the triangles of a node; right (M,): its second child (the first is the next node), -1 for a leaf.
-    centre (M, 3), radius (M,) of its bounding sphere; sags (M,): the largest sag in it.
-    """
-
-    corners: np.ndarray
-    sag: np.ndarray
-    order: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    right: np.ndarray
-    centre: np.ndarray
-    radius: np.ndarray
-    sags: np.ndarray
-
-
 @njit(cache=True, nogil=True)
 def grow_tree(corners, middles, order, first, last, right, centre, radius):
     """Sort `order` (T,) of the triangles `corners` (T, 3, 3) with their `middles` (T, 3) into a tree; returns its size.
 
-    first, last, right, centre, radius are as in `Tree`, long enough for 2 T nodes.
+    first, last, right, centre, radius are those of its nodes, with room for 2 T.
     """
     stack_low = np.empty(DEPTH, np.int64)
     stack_high = np.empty(DEPTH, np.int64)
