@@ -50,7 +50,8 @@ def face_mesh(face: DesignFace, deflection: float) -> tuple[CheckMesh, Array]:
     triangles = Delaunay(even(uv)).simplices.astype(np.int64)
     triangles = triangles[on_face(face, np.ascontiguousarray(uv[triangles].mean(axis=1)))]
     flat = even(uv)[triangles]
-    turn = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])
+    first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    turn = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     triangles, turn = triangles[np.abs(turn) > 1e-9], turn[np.abs(turn) > 1e-9]
     backward = turn * face.sense < 0.0
     triangles[backward] = triangles[backward][:, ::-1]

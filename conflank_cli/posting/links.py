@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.posting.ride import Ride
@@ -80,15 +81,22 @@ class SafePlane:
                 yield np.stack([beside + height * axis, beside, tip])
 
 
-def clearest(links: Iterable[Array], axis: Array, ride: Ride, screen: Screen) -> Array:
-    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them."""
+def clearest(links: Iterable[Array], axis: Array, ride: Ride, screen: Screen, collider: Collider) -> Array:
+    """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
+
+    The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.
+    """
     best, fewest = np.zeros((3, 3)), np.inf
     for link in links:
         down = _points_between(link[1], link[0], LINK_STEP)
         tips = np.concatenate([_points_between(link[2], link[1], LINK_STEP), down])
         axes = np.broadcast_to(axis, tips.shape)
         p = (tips - ride.tool.tip_height * axes - ride.frame.translation) @ ride.frame.rotation
-        hits = int(np.sum(~screen.free(p, axes @ ride.frame.rotation, ride.tool)))
+        d = axes @ ride.frame.rotation
+        hits = int(np.sum(~screen.free(p, d, ride.tool)))
+        if hits == 0:
+            corners = [0, len(tips) - len(down), -1]
+            hits = int(not collider.path(p[corners], d[corners], ride.tool).clear)
         if hits < fewest:
             best, fewest = link, hits
         if hits == 0:

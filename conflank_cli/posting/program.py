@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.errors import InputError
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
@@ -80,7 +81,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
     tools = {tool.name: tool for tool in scene.tools}
     frame = Frame.of(scene.job.setup)
-    screen = Screen.of(scene)
+    screen, collider = Screen.of(scene), Collider.of(scene)
     program = scene.job.program
     projectors = [Projector.of(face.surface) for face in scene.faces]
     hull = frame.points(hull_points(scene, projectors))
@@ -107,8 +108,8 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     ):
         feed = contact_feed(tip, axis, word, ride, machine)
         plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-        inward = clearest(plane.links(tip[0], axis[0], away_in), axis[0], ride, screen)
-        outward = clearest(plane.links(tip[-1], axis[-1], away_out), axis[-1], ride, screen)[::-1]
+        inward = clearest(plane.links(tip[0], axis[0], away_in), axis[0], ride, screen, collider)
+        outward = clearest(plane.links(tip[-1], axis[-1], away_out), axis[-1], ride, screen, collider)[::-1]
         slow = float(feed[0])
         still_in, still_out = (np.repeat(axis[index][None], 3, axis=0) for index in (0, -1))
         stretches.append(

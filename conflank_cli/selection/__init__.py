@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from conflank_cli.cover import fewest_cover, mean_errors
 from conflank_cli.geometry.certificate import Certificate, certify
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import WorkFace
@@ -44,7 +45,8 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     """Choose sweeps for every face in turn; returns them in cutting order, and a summary.
 
     A sweep is trimmed to its longest stretch without overcut or collision, then judged by its swept gap on points of
-    its face; what is chosen has a certificate that it overcuts nowhere, not only at points. The summary holds coverage
+    its face; what is chosen is held against whole triangles, between its poses too, and trimmed again where it must be,
+    and has a certificate that it overcuts nowhere, not only at points. The summary holds coverage
     by face and in total, the number of sweeps screened and rejected, and the mean |g| in µm over what is covered.
     """
     job = scene.job
@@ -56,6 +58,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
     faces = [WorkFace.of(design, 0.0) for design in scene.faces]
     samples = [face.samples(face.spacing(POINTS)) for face in faces]
     screen = Screen.of(scene)
+    collider = Collider.of(scene)
 
     def judge(sweep: Sweep) -> _Judged | None:
         tool = tools[sweep.tool]
@@ -74,6 +77,14 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
                 return None
         return _Judged(replace(sweep, motion=motion), gap, gap <= under)
 
+    def without_collision(item: _Judged) -> _Judged | None:
+        """The same item where nothing is hit, else what is left of it."""
+        motion = collider.allowed(item.sweep.motion, tools[item.sweep.tool])
+        if motion is None or motion is item.sweep.motion:
+            return item if motion is not None else None
+        gap = motion_gap(motion, tools[item.sweep.tool], samples[item.sweep.face].points, tolerance.allowance)[0]
+        return _Judged(replace(item.sweep, motion=motion), gap, gap <= under)
+
     with progress.stage("select", len(sweeps)) as stage, ThreadPoolExecutor(os.cpu_count()) as pool:
         judged = []
         for outcome in pool.map(judge, sweeps):
@@ -86,6 +97,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
         for index, (face, sample) in enumerate(zip(faces, samples, strict=True)):
             own = [item for item in judged if item.sweep.face == index]
             certificates: dict[int, Certificate] = {}
+            cleared: set[int] = set()
 
             def certificate(item: _Judged, face: WorkFace = face) -> Certificate:
                 # A certificate is about the face that is aimed at, which lies off the design face by `aim`.
@@ -96,6 +108,14 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[
             chosen = _cover(own, sample.areas, job.selection.coverage)
             # A spot of overcut can hide between the points of the choice, but not from the certificate.
             while True:
+                new = [item for item in chosen if id(item) not in cleared]
+                left = {id(item): rest for item, rest in zip(new, pool.map(without_collision, new), strict=True)}
+                cleared |= {id(rest) for rest in left.values() if rest is not None}
+                if any(left[id(item)] is not item for item in new):
+                    own = [rest for rest in (left.get(id(item), item) for item in own) if rest is not None]
+                    judged = [rest for rest in (left.get(id(item), item) for item in judged) if rest is not None]
+                    chosen = _cover(own, sample.areas, job.selection.coverage)
+                    continue
                 new = [item for item in chosen if id(item) not in certificates]
                 certificates |= {id(item): found for item, found in zip(new, pool.map(certificate, new), strict=True)}
                 gouging = {id(item) for item in chosen if certificates[id(item)].overcut > over}
