@@ -32,6 +32,7 @@ bench: setup
 	$(BIN)/python -m benchmarks.selection
 	$(BIN)/python -m benchmarks.posting
 	$(BIN)/python -m benchmarks.posts
+	$(BIN)/python -m benchmarks.collision --json benchmarks/results/collision.json
 	$(BIN)/python -m benchmarks.dnc
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the

@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -43,7 +43,8 @@ LEAST_GAIN = 0.003
 def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[Sweep], dict[str, Any]]:
     """Optimise every sweep, refine those that may be chosen, grow the best of them; sweeps that fail are left out.
 
-    Returns the sweeps and a summary: how many came to which result, as sentences, and how many were left out.
+    Returns the sweeps and a summary: how many came to which result, as sentences, how many were left out, and how many
+    were slid along their axis so that they hit less; these come beside the ones they are made of.
 
     Raises
     ------
@@ -63,6 +64,13 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         indices = range(len(sweeps))
         solutions = list(side_by_side("optimize", lambda k: task_of[k].first(sweeps[k].motion), indices))
         sound = [k for k in indices if not solutions[k].failed]
+        # What is slid comes beside what it is made of: which of the two makes the better cover is not known yet.
+        slid = list(side_by_side("rescue", lambda k: task_of[k].rescued(solutions[k]), sound))
+        rescued = [(k, solution) for k, solution in zip(sound, slid, strict=True) if solution is not None]
+        sound += range(len(sweeps), len(sweeps) + len(rescued))
+        sweeps = [*sweeps, *(replace(sweeps[k], motion=solution.motion) for k, solution in rescued)]
+        task_of += [task_of[k] for k, _ in rescued]
+        solutions += [solution for _, solution in rescued]
 
         def better(chosen: list[int], count: int, title: str, work: Callable[[int], Solution]) -> list[int]:
             """Put `work` into those of the chosen that make good covers, `count` of every face and tool or so."""
@@ -90,7 +98,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
             "Detect again with the same job, or with a wider tolerance.",
         )
     results = Counter(STATUS[solution.status] for solution in solutions)
-    summary = {"left_out": len(sweeps) - len(sound), "results": dict(results.most_common())}
+    summary = {"left_out": len(sweeps) - len(sound), "rescued": len(rescued), "results": dict(results.most_common())}
     return [
         Sweep(sweeps[k].face, sweeps[k].tool, solutions[k].motion, {**_kept(sweeps[k]), **_facts(solutions[k], limits)})
         for k in sound

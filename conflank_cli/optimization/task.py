@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import away_from, best_slide, lengthened, slid, steadiness
+from conflank_cli.geometry.growth import NODES, away_from, best_slide, lengthened, slid, steadiness
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -39,6 +39,10 @@ FINE_SPACING, FINE_FEWEST, FINE_MOST = 3.0, 26, 64
 SETTLE_PROXIMITY = 0.01
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
+# A sweep that keeps less than this share of its area when it is screened is tried again, slid along its axis by so
+# much, mm: the tool then stands less or more deeply in the passage, and cuts with another part of its flute.
+KEPT = 0.9
+CLEARING = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0, 4.0, -4.0, 8.0)
 # Scales of the polish on the swept gap, in stock tolerances; those of a candidate that nothing else has worked on, for
 # which one point in so many will do; and the factor on mu3.
 POLISH_SCALES = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 4
@@ -88,6 +92,30 @@ class Task:
     def first(self, motion: Motion) -> Solution:
         """The paper's problem from a detected motion."""
         return self.minimised(motion, self.schedule(), self.weights)
+
+    def rescued(self, solution: Solution) -> Solution | None:
+        """A sweep of which the screen takes off much, slid along its axis as a whole so that it keeps more.
+
+        None where it keeps nearly all, or no slide helps. A cone slides along its contact without leaving the face, at
+        first order, so slides are compared by what is left within tolerance, overcut elsewhere aside: settling takes
+        that back.
+        """
+        motion, areas = solution.motion, self.samples.areas
+        whole, _ = motion_gap(motion, self.tool, self.samples.points, self.limits.allowance)
+        served = float(areas[within(self.gaps(motion), self.limits)].sum())
+        if served > KEPT * float(areas[within(whole, self.limits)].sum()):
+            return None
+        away = away_from(self.face, motion)
+        best, most = None, served
+        for distance in CLEARING:
+            moved = slid(motion, self.tool, np.full(NODES, distance), away)
+            area = float(areas[within(self.gaps(moved), self.limits)].sum())
+            if area > most:
+                best, most = moved, area
+        if best is None:
+            return None
+        settled = self._settled(best)
+        return settled if not settled.failed and self._steady(settled.motion) else None
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
         """Finer knots and the polish on the swept gap.

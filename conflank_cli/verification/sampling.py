@@ -177,19 +177,49 @@ def _sample_border(face: DesignFace) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class MeshSample:
-    """Points on a mesh, N of them.
+    """Points on a mesh, N of them, and the K pieces of its triangles whose corners they are.
 
     Attributes
     ----------
     points: (N, 3) mm.
     sag: (N,) how far the true face may lie from the point, mm: 0 at vertices; estimated from the angle to the next
         triangle elsewhere; 0 on meshes that are no image of a CAD face.
-    face: (N,) CAD face number, -1 for meshes from elsewhere.
+    face: (N,) CAD face number, below 0 for meshes from elsewhere.
+    pieces: (K, 3) the corners of each piece; empty where there are only points.
+    piece_sag: (K,) the sag within a piece, mm.
     """
 
     points: Array
     sag: Array
     face: Integers
+    pieces: Integers
+    piece_sag: Array
+
+    @classmethod
+    def of_points(cls, points: Array, face: Integers) -> MeshSample:
+        """Points (N, 3) on faces (N,) themselves."""
+        return cls(points, np.zeros(len(points)), face, np.zeros((0, 3), dtype=np.int64), np.zeros(0))
+
+    def longest(self) -> Array:
+        """Longest side of each piece, (K,) mm."""
+        corners = self.points[self.pieces]
+        return np.asarray(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1, initial=0.0))
+
+    def halved(self, chosen: npt.NDArray[np.bool_]) -> MeshSample:
+        """The chosen pieces, halved across their longest sides; the points are these and then those in the middles."""
+        pieces = self.pieces[chosen]
+        corners = self.points[pieces]
+        rows = np.arange(len(pieces))
+        side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).argmax(axis=1)
+        a, b, c = (pieces[rows, (side + k) % 3] for k in range(3))
+        middle = len(self.points) + rows
+        return MeshSample(
+            np.concatenate([self.points, 0.5 * (self.points[a] + self.points[b])]),
+            np.concatenate([self.sag, self.piece_sag[chosen]]),
+            np.concatenate([self.face, self.face[a]]),
+            np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]),
+            np.tile(self.piece_sag[chosen], 2),
+        )
 
 
 def _sags(mesh: CheckMesh) -> Array:
@@ -228,33 +258,42 @@ def _sags(mesh: CheckMesh) -> Array:
 
 
 def sample_mesh(mesh: CheckMesh, low: Array, high: Array, spacing: float = MESH_SPACING) -> MeshSample:
-    """Points on the triangles of a mesh that reach into a box, vertices first.
+    """Points on the triangles of a mesh that reach into a box, and the pieces they are the corners of.
 
     Parameters
     ----------
     mesh: the mesh.
     low, high: corners of the box, (3,) mm.
-    spacing: longest distance between points on a triangle, mm.
+    spacing: longest side of a piece, mm.
     """
-    triangles = mesh.triangles.astype(np.int64)
-    if len(triangles) == 0:
-        return MeshSample(np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64))
-    corners = mesh.vertices[triangles]
-    near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
-    sag = _sags(mesh)[near]
-    corners, face = corners[near], mesh.face[near].astype(np.int64)
-    points, sags, faces = [corners.reshape(-1, 3)], [np.zeros(3 * len(corners))], [np.repeat(face, 3)]
-    longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1, initial=0.0)
-    parts = np.ceil(longest / spacing).astype(np.int64)
-    # Triangles of fixtures can be large; they are split finely enough all the same, one number of parts at a time.
-    for count in np.unique(parts[parts > 1]):
-        chosen = parts == count
-        i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
-        used = (i + j <= count) & (np.maximum(np.maximum(i, j), count - i - j) < count)
-        shares = np.stack([count - i[used] - j[used], i[used], j[used]], axis=1) / count
-        points.append(np.einsum("pk,tkx->tpx", shares, corners[chosen]).reshape(-1, 3))
-        sags.append(np.repeat(sag[chosen], len(shares)))
-        faces.append(np.repeat(face[chosen], len(shares)))
-    every = np.concatenate(points)
-    kept = ((every >= low) & (every <= high)).all(axis=1)
-    return MeshSample(every[kept], np.concatenate(sags)[kept], np.concatenate(faces)[kept])
+    corners = mesh.vertices[mesh.triangles.astype(np.int64)]
+    sag, face = _sags(mesh) if len(corners) else np.zeros(0), mesh.face.astype(np.int64)
+    own = np.zeros(corners.shape[:2])
+    # Triangles of fixtures can be far larger than what the tool passes through: halves out of the box are left away.
+    while True:
+        near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+        corners, own, sag, face = corners[near], own[near], sag[near], face[near]
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        long = sides.max(axis=1, initial=0.0) > spacing
+        if not long.any():
+            break
+        rows, side = np.arange(int(long.sum())), sides[long].argmax(axis=1)
+        a, b, c = (corners[long][rows, (side + k) % 3] for k in range(3))
+        sag_a, sag_b, sag_c = (own[long][rows, (side + k) % 3] for k in range(3))
+        middle, sag_m = 0.5 * (a + b), sag[long]
+        corners = np.concatenate([corners[~long], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        own = np.concatenate(
+            [own[~long], np.stack([sag_a, sag_m, sag_c], axis=1), np.stack([sag_m, sag_b, sag_c], axis=1)]
+        )
+        sag, face = (np.concatenate([values[~long], np.tile(values[long], 2)]) for values in (sag, face))
+    # Pieces beside each other share their points.
+    table = np.column_stack([corners.reshape(-1, 3), own.reshape(-1), np.repeat(face, 3)])
+    keys = np.ascontiguousarray(table + 0.0).view(np.dtype((np.void, table.itemsize * 5))).reshape(-1)
+    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+    return MeshSample(
+        np.ascontiguousarray(table[first, :3]),
+        table[first, 3],
+        table[first, 4].astype(np.int64),
+        number.reshape(-1, 3),
+        sag,
+    )

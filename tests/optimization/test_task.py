@@ -22,6 +22,7 @@ from conflank_cli.progress import SilentProgress
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
 from tests.faces import design, envelope, envelope_scene, known
+from tests.verification.scenes import triangles_of
 
 LIMITS = Limits(0.010, 0.010)
 CASE = envelope(CATALOGUE["T3"])
@@ -74,6 +75,37 @@ def test_a_motion_that_collides_from_end_to_end_has_no_gaps(task: Task) -> None:
     normal = CASE.sense * np.cross(frame[1], frame[2])
     into = -2.0 * normal / np.linalg.norm(normal)
     assert np.all(np.isinf(task.gaps(Motion(motion.knots, motion.p + into, motion.q + into))))
+
+
+def test_a_sweep_that_stands_too_deep_is_slid_out(task: Task) -> None:
+    """Small plates half a millimetre above where the tip comes past, on the second half of the way."""
+    motion = known(CASE)
+    p, q = motion.ends(np.linspace(0.55, 1.0, 12))
+    d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
+    centres = p + (CASE.tool.tip_height + 0.5) * d
+    across = np.cross(d, [1.0, 0.0, 0.0])
+    across *= 0.2 / np.linalg.norm(across, axis=1)[:, None]
+    plates = triangles_of(
+        *(
+            [centre + a + b for a, b in ((x, y), (-x, y), (-x, -y), (x, -y))]
+            for centre, x, y in zip(centres, across, np.cross(d, across), strict=True)
+        )
+    )
+    blocked = replace(task, screen=Screen.of(replace(envelope_scene(CASE), check=plates), 1.0))
+    solution = task.first(motion)
+    assert task.rescued(solution) is None
+    areas = task.samples.areas
+
+    def share(task: Task, motion: Motion) -> float:
+        return float(areas[task.covered(task.gaps(motion))].sum() / areas.sum())
+
+    assert share(task, solution.motion) > 0.95 and share(blocked, solution.motion) < 0.65
+    found = blocked.rescued(solution)
+    assert found is not None
+    # The flute of 30 mm loses half a millimetre at its end, or one.
+    assert share(blocked, found.motion) > 0.9
+    low, high = (motion.ends([0.5])[0][0] for motion in (solution.motion, found.motion))
+    assert 0.4 < float((high - low) @ d[0]) < 2.1
 
 
 def test_facts_of_an_error_field() -> None:
