@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride
 from postprocessors.machines.machine import Machine
 from postprocessors.toolpath import Stretch
 
@@ -17,15 +17,18 @@ LEAST_FEED = 1.0
 """mm/min; programs carry whole numbers, and 0 would mean rapid."""
 
 
-def contact_feed(tip: Array, axis: Array, words: Array, ride: Ride, machine: Machine) -> Array:
+def contact_feed(tip: Array, axis: Array, words: Array, ride: Ride | PassRide, machine: Machine) -> Array:
     """Feed of the tip into each pose, mm/min, (N,), for which the fastest point of the flute has the tool's feed.
+
+    In a pass nothing above the ball cuts, so there the ball's centre has it.
 
     Not below `FEED_FLOOR`; limited by the machine's feed, block time and rotary speeds. The first pose gets the feed of
     the second.
     """
     wanted = ride.tool.feed_mm_min
     low = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    high = np.linalg.norm(np.diff(tip + ride.reach * axis, axis=0), axis=1)
+    reach = ride.tool.ball_radius if isinstance(ride, PassRide) else ride.reach
+    high = np.linalg.norm(np.diff(tip + reach * axis, axis=0), axis=1)
     # |step| is a convex function of height, so the fastest point is at one of the ends.
     fastest = np.maximum(np.maximum(low, high), np.finfo(np.float64).tiny)
     turn = np.diff(words, axis=0)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride
 from conflank_cli.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -28,14 +28,14 @@ LINK_STEP = 1.0
 """Poses of a link are held against the part this far apart, mm."""
 
 
-def away_directions(ride: Ride, projector: Projector, sense: int) -> Array:
+def away_directions(ride: Ride | PassRide, projector: Projector, sense: int) -> Array:
     """Unit directions away from the face and across the axis, at `AWAY_SAMPLES` places along the sweep, (M, 3).
 
-    From the face's nearest point to the axis at mid flute; where the axis runs through the surface there (no face is
-    so thin that a sweep does), the surface's normal on the cutter's side.
+    From the face's nearest point to the axis at mid flute, of a pass to the ball's centre; where the axis runs through
+    the surface there (no face is so thin that a sweep does), the surface's normal on the cutter's side.
     """
     tip, axis = ride.poses(np.linspace(0.0, 1.0, AWAY_SAMPLES))
-    middle = tip + 0.5 * ride.reach * axis
+    middle = tip + (ride.tool.ball_radius if isinstance(ride, PassRide) else 0.5 * ride.reach) * axis
     # Projection happens in the CAD frame, where the surface is.
     foot = projector.project((middle - ride.frame.translation) @ ride.frame.rotation)
     normal = sense * ride.frame.directions(foot.normal)
@@ -81,7 +81,9 @@ class SafePlane:
                 yield np.stack([beside + height * axis, beside, tip])
 
 
-def clearest(links: Iterable[Array], axis: Array, ride: Ride, screen: Screen, collider: Collider) -> Array:
+def clearest(
+    links: Iterable[Array], axis: Array, ride: Ride | PassRide, screen: Screen, collider: Collider
+) -> Array:
     """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
 
     The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.

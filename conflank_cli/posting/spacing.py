@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.errors import NumericalError
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from postprocessors.kinematics.two_rotary import Run, choose_words, forward
 from postprocessors.machines.machine import Machine
 
@@ -33,8 +33,10 @@ REFINEMENTS = 24
 """Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
 
 
-def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
-    """Times of the blocks of each sweep, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+def space_blocks(rides: Sequence[Ride | PassRide], machine: Machine) -> list[Array]:
+    """Times of the blocks of each cut, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+
+    A pass has its own poses, and more only where the two ways of the axis between them would differ.
 
     The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
     blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
@@ -44,11 +46,14 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     ------
     NumericalError: blocks get endlessly short.
     """
-    times = [_planned_times(ride, machine, f"sweep {number}") for number, ride in enumerate(rides, start=1)]
+    times = [
+        ride.times if isinstance(ride, PassRide) else _planned_times(ride, machine, label)
+        for ride, label in zip(rides, cut_labels(rides), strict=True)
+    ]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
         # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
-        words = choose_words(machine, sweep_runs([ride.poses(t) for ride, t in zip(rides, times, strict=True)]))
+        words = choose_words(machine, cut_runs(rides, [ride.poses(t) for ride, t in zip(rides, times, strict=True)]))
         done = True
         for index, ride in enumerate(rides):
             t = times[index]
@@ -97,12 +102,23 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     return np.asarray(times)
 
 
-def sweep_runs(poses: Sequence[tuple[Array, Array]]) -> list[Run]:
-    """The sweeps as runs of poses, named by number for messages."""
-    return [Run(f"sweep {number}", axis) for number, (_, axis) in enumerate(poses, start=1)]
+def cut_labels(rides: Sequence[Ride | PassRide]) -> list[str]:
+    """Names of the cuts for messages: sweeps and passes are numbered apart."""
+    counts = {"sweep": 0, "pass": 0}
+    labels = []
+    for ride in rides:
+        kind = "pass" if isinstance(ride, PassRide) else "sweep"
+        counts[kind] += 1
+        labels.append(f"{kind} {counts[kind]}")
+    return labels
 
 
-def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:
+def cut_runs(rides: Sequence[Ride | PassRide], poses: Sequence[tuple[Array, Array]]) -> list[Run]:
+    """The cuts as runs of poses, named for messages."""
+    return [Run(label, axis) for label, (_, axis) in zip(cut_labels(rides), poses, strict=True)]
+
+
+def block_deviation(ride: Ride | PassRide, t: Array, words: Array, machine: Machine) -> Array:
     """Largest deviation (mm) of each block between t[i] and t[i + 1] from the exact motion, shape (N - 1,).
 
     Both interpolations of the axis, at `CHECKS_PER_BLOCK` places, at the tip and at the plane of r_max; between these
@@ -120,7 +136,7 @@ def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Arr
 
 
 def _deviation(
-    ride: Ride, tip: Array, axis: Array, words: Array, inner_tip: Array, inner_axis: Array, machine: Machine
+    ride: Ride | PassRide, tip: Array, axis: Array, words: Array, inner_tip: Array, inner_axis: Array, machine: Machine
 ) -> Array:
     """Deviation of N blocks from K exact poses within each, mm, (N,).
 
@@ -143,12 +159,7 @@ def _deviation(
         if rotary.range_deg is None:
             step[:, column] -= 360.0 * np.round(step[:, column] / 360.0)
     by_words = forward(machine, (words[:, None, 0] + share * step[:, None]).reshape(-1, 2)).reshape(count, places, 3)
-    sine = np.linalg.norm(np.cross(axis[:, 0], axis[:, 1]), axis=1)
-    angle = np.arctan2(sine, np.einsum("ni,ni->n", axis[:, 0], axis[:, 1]))[:, None, None]
-    # sin(x) / sin(angle) tends to x / angle, which sinc says without dividing by zero.
-    scale = np.sinc(angle / np.pi)
-    by_circle = (1.0 - share) * np.sinc((1.0 - share) * angle / np.pi) / scale * axis[:, None, 0]
-    by_circle += share * np.sinc(share * angle / np.pi) / scale * axis[:, None, 1]
+    by_circle = great_circle(axis[:, None, 0], axis[:, None, 1], share)
     worst = error_tip.max(axis=1)
     for axes in (by_words, by_circle):
         error_top = np.linalg.norm(tips - inner_tip + reach * (axes - inner_axis), axis=2)

@@ -1,0 +1,126 @@
+"""Where passes are needed: what the sweeps leave on a face, on a grid of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt, label
+
+from conflank_cli.geometry.gap import motion_gap
+from conflank_cli.geometry.workface import WorkFace, on_face
+from conflank_cli.sweep import Sweep
+from conflank_cli.tool import Tool
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+# Nodes of the grid stand this far apart, mm, as verification looks at a blade; a large face has at most so many.
+SPACING = 0.22
+MOST_NODES = 60_000
+# Nodes on the border of the box belong to the face: the rule of the trim decides for places this share further in.
+INWARD = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Nodes on the box of a face's trim, its border included.
+
+    u (U,), v (V,): parameters. points, normals (U, V, 3): mm, unit and towards the cutter. curvature (U, V): largest
+    normal curvature, 1/mm, positive where the face bends towards the cutter. inside (U, V): on the trimmed face.
+    pitch: mean distance of nodes along u and along v, mm. area (U, V): mm2 that each stands for, 0 outside.
+    """
+
+    u: Array
+    v: Array
+    points: Array
+    normals: Array
+    curvature: Array
+    inside: Flags
+    pitch: tuple[float, float]
+    area: Array
+
+    @classmethod
+    def of(cls, face: WorkFace, spacing: float = SPACING) -> Grid:
+        """The grid of a face, nodes about `spacing` mm apart."""
+        corners = np.concatenate(face.face.loops)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        probe = np.linspace(0.0, 1.0, 17)
+        frame = face.projector.evaluate(
+            *(g.ravel() for g in np.meshgrid(*(low[k] + probe * (high[k] - low[k]) for k in (0, 1)), indexing="ij"))
+        )
+        lengths = [float(np.linalg.norm(frame[:, 1 + k], axis=1).mean() * (high[k] - low[k])) for k in (0, 1)]
+        spacing = max(spacing, float(np.sqrt(lengths[0] * lengths[1] / MOST_NODES)))
+        counts = [max(int(np.ceil(length / spacing)), 4) + 1 for length in lengths]
+        u, v = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
+        places = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+        frame = face.projector.evaluate(places[:, 0], places[:, 1])
+        cross = np.cross(frame[:, 1], frame[:, 2])
+        size = np.linalg.norm(cross, axis=1)
+        normals = face.sense * cross / np.maximum(size, 1e-300)[:, None]
+        middle = 0.5 * (low + high)
+        inside = on_face(face.face, middle + (places - middle) * (1.0 - INWARD)) & (size > 0.0)
+        shape = (len(u), len(v))
+        weight = np.outer(_ends_halved(len(u)), _ends_halved(len(v))).ravel()
+        area = np.where(inside, size * weight * (u[1] - u[0]) * (v[1] - v[0]), 0.0)
+        return cls(
+            u,
+            v,
+            frame[:, 0].reshape(*shape, 3).copy(),
+            normals.reshape(*shape, 3),
+            largest_curvature(frame, normals).reshape(shape),
+            inside.reshape(shape),
+            (lengths[0] / (len(u) - 1), lengths[1] / (len(v) - 1)),
+            area.reshape(shape),
+        )
+
+    def swept(self, sweeps: Sequence[Sweep], tools: dict[str, Tool], allowance: float) -> Array:
+        """Gap less allowance that sweeps leave at the nodes, (U, V) mm; infinite off the face and without sweeps."""
+        gap = np.full(self.inside.shape, np.inf)
+        points = self.points[self.inside]
+        for sweep in sweeps:
+            own = motion_gap(sweep.motion, tools[sweep.tool], points, allowance)[0]
+            gap[self.inside] = np.minimum(gap[self.inside], own)
+        return gap
+
+    def steps(self, gap: Array, limit: float) -> Flags:
+        """Nodes with stock left beside which the gap is lower by more than `limit` mm, (U, V)."""
+        higher = np.zeros(gap.shape, dtype=np.bool_)
+        with np.errstate(invalid="ignore"):
+            for axis in (0, 1):
+                rise = np.diff(gap, axis=axis)
+                first, last = [slice(None)] * 2, [slice(None)] * 2
+                first[axis], last[axis] = slice(None, -1), slice(1, None)
+                higher[tuple(last)] |= rise > limit
+                higher[tuple(first)] |= rise < -limit
+        return higher & (gap > 0.0) & self.inside
+
+    def spots(self, needed: Flags, overlap: float) -> list[Flags]:
+        """What is needed, nodes of each spot apart, (U, V) each; spots that meet within twice the overlap are one."""
+        if not needed.any():
+            return []
+        near = self.distance(needed) <= overlap
+        labels, count = label(near & self.inside, structure=np.ones((3, 3)))
+        return [needed & (labels == number) for number in range(1, count + 1)]
+
+    def distance(self, nodes: Flags) -> Array:
+        """Distance of every node to the nearest of the given ones, mm, (U, V)."""
+        return np.asarray(distance_transform_edt(~nodes, sampling=self.pitch))
+
+
+def _ends_halved(count: int) -> Array:
+    weight = np.ones(count)
+    weight[[0, -1]] = 0.5
+    return weight
+
+
+def largest_curvature(frame: Array, normals: Array) -> Array:
+    """Largest normal curvature (N,), 1/mm, from S, Su, Sv, Suu, Suv, Svv (N, 6, 3) and unit normals (N, 3)."""
+    e, f, g = (np.einsum("ni,ni->n", frame[:, a], frame[:, b]) for a, b in ((1, 1), (1, 2), (2, 2)))
+    l, m, n = (np.einsum("ni,ni->n", frame[:, k], normals) for k in (3, 4, 5))  # noqa: E741
+    det = np.maximum(e * g - f * f, 1e-300)
+    mean = (e * n - 2.0 * f * m + g * l) / (2.0 * det)
+    gauss = (l * n - m * m) / det
+    return np.asarray(mean + np.sqrt(np.maximum(mean**2 - gauss, 0.0)))
