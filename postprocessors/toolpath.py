@@ -62,16 +62,6 @@ class Operation:
     cutter: Cutter
     stretches: tuple[Stretch, ...]
 
-    @property
-    def cuts(self) -> list[list[Stretch]]:
-        """The stretches of each cut: a new one begins with every approach (a sweep and a pass may share a number)."""
-        found: list[list[Stretch]] = []
-        for stretch in self.stretches:
-            if not found or stretch.purpose is Purpose.APPROACH or stretch.cut != found[-1][-1].cut:
-                found.append([])
-            found[-1].append(stretch)
-        return found
-
 
 @dataclass(frozen=True, slots=True)
 class ToolPath:

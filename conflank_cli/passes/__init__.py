@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import cKDTree
 
 from conflank_cli.ball_pass import Pass
-from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.passes.axes import Axes, free_poses
 from conflank_cli.passes.path import Path, path_of
@@ -28,9 +29,11 @@ Flags = npt.NDArray[np.bool_]
 
 # Passes go this many distances of lines into what sweeps have covered.
 OVERLAP = 1.5
+# Steps above this share of half the band of the tolerance are cut down: between nodes they may be higher.
+STEP_SHARE = 0.8
 # Where a sweep leaves a gap closer than this to the tolerance, mm, its border is not certain.
 IN_DOUBT = 0.0005
-# Ball and cone may be found this deep in the face by the points of the screen, mm: a pass touches it.
+# Ball and cone may be found this deep in the triangles of the face, mm: a pass touches it.
 TOUCH = 0.002
 # Distances from the paths of the ball's centre are looked up among points this far apart on them, mm.
 TRACK = 0.1
@@ -47,20 +50,29 @@ def ball_passes(scene: Scene, sweeps: Sequence[Sweep], progress: Progress) -> tu
     tools = {tool.name: tool for tool in scene.tools}
     tool = tools[keys.tool] if keys.tool is not None else scene.tools[0]
     aim = Aim.of(tolerance, keys.scallop)
-    screen = Screen.of(scene)
-    touch = aim.contact - min(TOUCH, tolerance.overcut)
-    screen = replace(screen, design_margins=replace(screen.design_margins, cutter=touch, shank=tolerance.allowance))
+    collider = Collider.of(scene)
     found: list[Pass] = []
     reports = []
     with progress.stage("passes", len(scene.faces)) as stage:
         for index, design in enumerate(scene.faces):
             own = [sweep for sweep in sweeps if sweep.face == index]
-            job = _FaceJob.of(WorkFace.of(design, 0.0), index, tool, aim, screen, tolerance.overcut, tolerance.undercut)
+            job = _FaceJob.of(
+                WorkFace.of(design, 0.0), index, tool, aim, collider, tolerance.overcut, tolerance.undercut
+            )
             passes, report = job.finish(own, tools, tolerance.allowance)
             found += passes
             reports.append({"face": design.number} | report)
             stage.advance()
     return found, {"passes": len(found), "passes_by_face": reports}
+
+
+def _touching(collider: Collider, cutter: float) -> Collider:
+    """The same with another limit for the cutter at the design faces, mm: a pass does not use up the tolerance."""
+    bodies = (
+        replace(body, margins=replace(body.margins, cutter=cutter)) if body.name == "design face" else body
+        for body in collider.bodies
+    )
+    return replace(collider, bodies=tuple(bodies))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +83,16 @@ class _FaceJob:
     index: int
     tool: Tool
     aim: Aim
-    screen: Screen
+    collider: Collider
     grid: Grid
     over: float
     under: float
 
     @classmethod
     def of(
-        cls, face: WorkFace, index: int, tool: Tool, aim: Aim, screen: Screen, over: float, under: float
+        cls, face: WorkFace, index: int, tool: Tool, aim: Aim, collider: Collider, over: float, under: float
     ) -> _FaceJob:
-        return cls(face, index, tool, aim, screen, Grid.of(face), over, under)
+        return cls(face, index, tool, aim, collider, Grid.of(face), over, under)
 
     def finish(
         self, sweeps: Sequence[Sweep], tools: dict[str, Tool], allowance: float
@@ -89,14 +101,19 @@ class _FaceJob:
         grid, radius = self.grid, self.tool.ball_radius
         swept = grid.swept(sweeps, tools, allowance)
         needed = grid.inside & (swept > self.under - POSTING - IN_DOUBT)
-        needed |= grid.steps(swept, self.under)
+        limit = 0.5 * (self.over + self.under)
+        needed |= grid.steps(swept, STEP_SHARE * limit)
         fits = grid.curvature * (radius + self.aim.contact) < 1.0
         ball = Ball(radius, self.aim.height, self.aim.contact)
         overlap = OVERLAP * float(line_distance(self.aim.height, radius, 0.0))
+        room = max(self.over - POSTING + self.aim.contact - allowance, 0.0)
+        sink = grid.sink(swept, self.aim.height, STEP_SHARE * limit, room)
+        touch = max(self.aim.contact - float(sink.max()) - TOUCH, allowance - self.over)
+        collider = _touching(self.collider, touch)
         passes: list[Pass] = []
         gap = swept
         for spot in grid.spots(needed & fits, overlap):
-            for item in self._spot(spot, overlap, ball):
+            for item in self._spot(spot, overlap, ball, sink, collider):
                 own = self._left(item, allowance)
                 gained = (swept > self.under) & (own <= self.under)
                 facts = {**item.facts, "gained_area_mm2": float(grid.area[gained].sum())}
@@ -116,22 +133,27 @@ class _FaceJob:
             },
         }
 
-    def _spot(self, spot: Flags, overlap: float, ball: Ball) -> list[Pass]:
+    def _spot(self, spot: Flags, overlap: float, ball: Ball, sink: Array, collider: Collider) -> list[Pass]:
+        sunk = RegularGridInterpolator((self.grid.u, self.grid.v), sink, bounds_error=False, fill_value=None)
+
+        def offset(places: Array) -> Array:
+            return np.asarray(ball.radius + ball.offset - sunk(places))
+
         lines = streamlines(self.face, self.grid, spot, overlap, ball)
-        paths = [path_of(self.face, lines.places(chain), ball.radius + ball.offset) for chain in lines.chains]
+        paths = [path_of(self.face, lines.places(chain), offset) for chain in lines.chains]
         if not paths:
             return []
         whole = Path(*(np.concatenate([getattr(path, name) for path in paths]) for name in ("centre", "normal", "way")))
-        axes = Axes.of(self.screen, self.tool, whole)
+        axes = Axes.of(collider, self.tool, whole)
         if axes is None:
             return []
         passes = []
         for path in paths:
             axis, free = axes.along(path)
-            passes += self._cut(path, axis, free)
+            passes += self._cut(path, axis, free, collider)
         return passes
 
-    def _cut(self, path: Path, axis: Array, free: Flags) -> list[Pass]:
+    def _cut(self, path: Path, axis: Array, free: Flags, collider: Collider) -> list[Pass]:
         """What is free of a path, in pieces: the way from one to the next would be long or hit something."""
         kept = np.flatnonzero(free)
         if len(kept) < 2:
@@ -145,7 +167,7 @@ class _FaceJob:
             between = axis[k] + share * (axis[k + 1] - axis[k])
             between /= np.linalg.norm(between, axis=1, keepdims=True)
             ways = centre[k] + share * (centre[k + 1] - centre[k])
-            cut[k] = not free_poses(self.screen, self.tool, ways, between).all()
+            cut[k] = not free_poses(collider, self.tool, ways, between).all()
         pieces = np.split(np.arange(len(kept)), np.flatnonzero(cut) + 1)
         return [self._pass(centre[piece], axis[piece]) for piece in pieces if len(piece) > 1]
 

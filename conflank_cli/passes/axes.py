@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial import cKDTree
 
-from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, machine_of
 from conflank_cli.passes.path import Path
@@ -66,7 +66,7 @@ class Axes:
     places: index over the places (P, 3). singular (3,): direction, either way, that the axis keeps off.
     """
 
-    screen: Screen
+    collider: Collider
     tool: Tool
     directions: Array
     free: Flags
@@ -75,16 +75,16 @@ class Axes:
     singular: Array
 
     @classmethod
-    def of(cls, screen: Screen, tool: Tool, path: Path) -> Axes | None:
+    def of(cls, collider: Collider, tool: Tool, path: Path) -> Axes | None:
         """Look up free directions along a path; None where there is nowhere any."""
         chosen = _thinned(path.centre, NODE)
         centre, normal = path.centre[chosen], path.normal[chosen]
         every = directions()
-        away = singular_axis(screen.job)
+        away = singular_axis(collider.scene.job)
         every = every[np.abs(every @ away) < cos(SINGULAR)]
         place, candidate = np.nonzero(on_ball(normal[:, None], every[None], tool))
         free = np.zeros((len(centre), len(every)), dtype=np.bool_)
-        free[place, candidate] = free_poses(screen, tool, centre[place], every[candidate])
+        free[place, candidate] = free_poses(collider, tool, centre[place], every[candidate])
         if not free.any():
             return None
         # Where a direction hits something or is none for the ball its neighbours are no good choice either.
@@ -93,7 +93,7 @@ class Axes:
         some = free.any(axis=0)
         with_any = free.any(axis=1)
         return cls(
-            screen,
+            collider,
             tool,
             every[some],
             free[with_any][:, some],
@@ -117,7 +117,7 @@ class Axes:
         for _ in range(ROUNDS):
             chosen = self._smoothest(cost)
             axis = self._between(path, stations, chosen)
-            free = free_poses(self.screen, self.tool, path.centre, axis) & on_ball(
+            free = free_poses(self.collider, self.tool, path.centre, axis) & on_ball(
                 path.normal, axis, self.tool, 0.5 * CONE_OFF
             )
             if best is None or free.sum() > best[1].sum():
@@ -160,9 +160,9 @@ class Axes:
         return np.asarray(axis / np.linalg.norm(axis, axis=1, keepdims=True))
 
 
-def free_poses(screen: Screen, tool: Tool, centre: Array, axis: Array) -> Flags:
+def free_poses(collider: Collider, tool: Tool, centre: Array, axis: Array) -> Flags:
     """Which poses (M,) with the ball at these centres (M, 3) and axes (M, 3) hit nothing and are in reach."""
-    return screen.free(centre - tool.ball_centre_height * axis, axis, tool, parallel=len(centre) > 64)
+    return collider.free(centre - tool.ball_centre_height * axis, axis, tool)
 
 
 def singular_axis(job: Job) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +38,8 @@ class Path:
         return Path(self.centre[chosen], self.normal[chosen], self.way[chosen])
 
 
-def path_of(face: WorkFace, corners: list[Array], offset: float) -> Path:
-    """The path over straight pieces (2, 2) in the parameters; `offset` is that of the centre from the face, mm.
+def path_of(face: WorkFace, corners: list[Array], offset: Callable[[Array], Array]) -> Path:
+    """The path over straight pieces (2, 2) in the parameters; `offset` says how far off the face the centre is, mm.
 
     Places are so close that chords between them stay within CHORD of the exact path, and no closer.
     """
@@ -71,9 +72,9 @@ def path_of(face: WorkFace, corners: list[Array], offset: float) -> Path:
     return Path(centre, normal, way)
 
 
-def _raised(face: WorkFace, places: Array, offset: float) -> tuple[Array, Array]:
-    """Points `offset` mm off the face at parameters (N, 2), and the normals there."""
+def _raised(face: WorkFace, places: Array, offset: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Points `offset` off the face at parameters (N, 2), and the normals there."""
     frame = face.projector.evaluate(places[:, 0], places[:, 1])
     normal = face.sense * np.cross(frame[:, 1], frame[:, 2])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    return frame[:, 0] + offset * normal, normal
+    return frame[:, 0] + offset(places)[:, None] * normal, normal

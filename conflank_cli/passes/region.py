@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, uniform_filter
 
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import WorkFace, on_face
@@ -20,6 +20,8 @@ Flags = npt.NDArray[np.bool_]
 # Nodes of the grid stand this far apart, mm, as verification looks at a blade; a large face has at most so many.
 SPACING = 0.22
 MOST_NODES = 60_000
+# A crest and a cut stand so close that their difference is a step, mm; and over this way depths are blended.
+BESIDE, BLEND = 0.4, 0.6
 # Nodes on the border of the box belong to the face: the rule of the trim decides for places this share further in.
 INWARD = 1e-6
 
@@ -96,6 +98,20 @@ class Grid:
                 higher[tuple(last)] |= rise > limit
                 higher[tuple(first)] |= rise < -limit
         return higher & (gap > 0.0) & self.inside
+
+    def sink(self, gap: Array, height: float, limit: float, most: float) -> Array:
+        """How much deeper than aimed at passes go beside deep cuts, (U, V) mm, so that no step is higher than `limit`.
+
+        Where a sweep cuts below the face, a crest of `height` beside its border would stand high over it: the passes
+        sink by what is too much, by no more than `most`, and come up again over `BLEND` mm.
+        """
+        deep = np.where(np.isfinite(gap) & self.inside, np.maximum(-gap, 0.0), 0.0)
+        reach = [int(np.ceil((BESIDE + BLEND) / pitch)) for pitch in self.pitch]
+        blend = [int(np.ceil(BLEND / pitch)) for pitch in self.pitch]
+        deepest = maximum_filter(deep, size=[2 * k + 1 for k in reach])
+        over = np.clip(deepest + height - limit, 0.0, most)
+        # The mean of maxima over windows that all hold a node's own surroundings is no less than what it needs.
+        return np.asarray(uniform_filter(over, size=[2 * k + 1 for k in blend]))
 
     def spots(self, needed: Flags, overlap: float) -> list[Flags]:
         """What is needed, nodes of each spot apart, (U, V) each; spots that meet within twice the overlap are one."""

@@ -70,7 +70,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
     Parameters
     ----------
     scene: the job, its faces and tools.
-    sweeps, passes: what to cut; sweep k of the path is sweeps[k - 1], pass k is passes[k - 1].
+    sweeps, passes: what to cut; cut k of the path is sweeps[k - 1], and passes count on from there.
     machine: its rotary words are one of the two interpolations that the spacing of blocks must bear.
 
     Raises
@@ -94,7 +94,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
     ends = []
     cuts: list[tuple[Purpose, int, Sweep | Pass]] = [
         *((Purpose.SWEEP, number, sweep) for number, sweep in enumerate(sweeps, start=1)),
-        *((Purpose.PASS, number, item) for number, item in enumerate(passes, start=1)),
+        *((Purpose.PASS, number, item) for number, item in enumerate(passes, start=len(sweeps) + 1)),
     ]
     for purpose, number, cut in cuts:
         if cut.tool not in tools or not 0 <= cut.face < len(scene.faces):

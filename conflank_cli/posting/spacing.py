@@ -103,14 +103,9 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
 
 
 def cut_labels(rides: Sequence[Ride | PassRide]) -> list[str]:
-    """Names of the cuts for messages: sweeps and passes are numbered apart."""
-    counts = {"sweep": 0, "pass": 0}
-    labels = []
-    for ride in rides:
-        kind = "pass" if isinstance(ride, PassRide) else "sweep"
-        counts[kind] += 1
-        labels.append(f"{kind} {counts[kind]}")
-    return labels
+    """Names of the cuts for messages."""
+    kinds = ("pass" if isinstance(ride, PassRide) else "sweep" for ride in rides)
+    return [f"{kind} {number}" for number, kind in enumerate(kinds, start=1)]
 
 
 def cut_runs(rides: Sequence[Ride | PassRide], poses: Sequence[tuple[Array, Array]]) -> list[Run]:

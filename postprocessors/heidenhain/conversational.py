@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from math import degrees, floor, isfinite
 
 import numpy as np
@@ -90,7 +91,10 @@ def write_program(path: ToolPath, machine: Machine, options: ProgramOptions) -> 
     PostError: anything the control or the machine could not execute; nothing is written then.
     """
     _check(path, options)
-    cuts = [operation.cuts for operation in path.operations]
+    cuts = [
+        [list(stretches) for _, stretches in groupby(operation.stretches, key=lambda stretch: stretch.cut)]
+        for operation in path.operations
+    ]
     runs = [Run(_label(stretches), _unit_axes(stretches)) for cut in cuts for stretches in cut]
     words = choose_words(machine, runs)
     for run, chosen in zip(runs, words, strict=True):
