@@ -291,7 +291,6 @@ def _unless(value: object, off: object) -> str | None:
 
 
 NOT_YET: tuple[NotYet, ...] = (
-    NotYet("[selection] ball_passes.enabled", lambda job: _unless(job.selection.ball_passes.enabled, False), "false"),
     NotYet("[selection] objective", lambda job: _unless(job.selection.objective, "sweeps"), '"sweeps"'),
     NotYet("[setup] copies.only", lambda job: _unless(list(job.setup.copies.order), [0]), "[0], the part itself"),
     NotYet("[program] format", lambda job: _unless(job.program.format, "h"), '"h"'),

@@ -18,14 +18,14 @@ def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
 
     PLAN is what conflank select writes. A program that the control or the machine cannot execute is not written.
     """
-    from conflank_cli.artifacts import read_artifact
+    from conflank_cli.artifacts import read_plan
     from conflank_cli.commands.inputs import override
     from conflank_cli.output import check_output, write_output
     from conflank_cli.posting import post_program
 
     check_output(output, [source])
-    scene, sweeps, _ = read_artifact(source, "plan")
-    scene = override(scene, "post", job_file, talk)
+    plan = read_plan(source)
+    scene = override(plan.scene, "post", job_file, talk)
     with talk.timed("post"):
-        text, _ = post_program(scene, sweeps)
+        text, _ = post_program(scene, plan.sweeps, plan.passes)
     write_output(text, output, [source])

@@ -27,7 +27,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
 
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.commands.inputs import files_of, read_job, read_scene
-    from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_select, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.machine_frame import machine_of
@@ -52,14 +52,15 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary = run_select(scene, motions, talk)
+    passes, plan_summary = run_passes(scene, plan, plan_summary, talk)
     with talk.timed("post"):
-        text, _ = post_program(scene, plan)
+        text, _ = post_program(scene, plan, passes)
     verification = run_verify(text.encode("ascii"), program, scene, talk)
 
     contents: tuple[bytes | str, ...] = (
         encode_artifact("candidates", scene, candidates, candidates_summary),
         encode_artifact("motions", scene, motions, motions_summary),
-        encode_artifact("plan", scene, plan, plan_summary),
+        encode_artifact("plan", scene, plan, plan_summary, passes=passes),
         text,
         verification.to_json().decode(),
     )

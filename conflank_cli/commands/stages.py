@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from conflank_cli import geometry
+from conflank_cli.ball_pass import Pass
 from conflank_cli.errors import NumericalError
 from conflank_cli.options import Talk
 from conflank_cli.scene import Scene
@@ -76,6 +77,19 @@ def run_select(scene: Scene, sweeps: Sequence[Sweep], talk: Talk) -> tuple[list[
             "Widen [tolerance] overcut and undercut, or try other tools.",
         )
     return plan, _counts(scene, plan) | summary
+
+
+def run_passes(
+    scene: Scene, plan: Sequence[Sweep], summary: dict[str, Any], talk: Talk
+) -> tuple[list[Pass], dict[str, Any]]:
+    """The passes over what the sweeps of a plan leave, where the job wants them, and the plan's summary with theirs."""
+    from conflank_cli.passes import ball_passes
+
+    if not scene.job.selection.ball_passes.enabled:
+        return [], summary
+    with talk.timed("passes"):
+        passes, more = ball_passes(scene, plan, talk.progress)
+    return passes, summary | more
 
 
 def run_verify(program: bytes, name: str, scene: Scene, talk: Talk) -> Verification:
