@@ -29,6 +29,7 @@ bench: setup
 	$(BIN)/python -m benchmarks.detection
 	$(BIN)/python -m benchmarks.optimization --json benchmarks/results/optimization.json
 	$(BIN)/python -m benchmarks.certificate
+	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.dnc
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
