@@ -219,7 +219,6 @@ def test_a_slip_of_the_pen_gets_a_suggestion() -> None:
 
 
 ON = {
-    "[selection] ball_passes.enabled": "[selection]\nball_passes = {enabled = true}\n",
     "[selection] objective": '[selection]\nobjective = "time"\n',
     "[setup] copies.only": "[setup]\ncopies = {count = 3}\n",
     "[program] format": '[program]\nformat = "i"\n',

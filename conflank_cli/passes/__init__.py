@@ -99,8 +99,8 @@ class _FaceJob:
     ) -> tuple[list[Pass], dict[str, Any]]:
         """The passes over a face, and what is said of it in the summary."""
         grid, radius = self.grid, self.tool.ball_radius
-        swept = grid.swept(sweeps, tools, allowance)
-        needed = grid.inside & (swept > self.under - POSTING - IN_DOUBT)
+        swept, border = grid.swept(sweeps, tools, allowance)
+        needed = grid.needed(swept, border, self.under - POSTING - IN_DOUBT)
         limit = 0.5 * (self.over + self.under)
         needed |= grid.steps(swept, STEP_SHARE * limit)
         fits = grid.curvature * (radius + self.aim.contact) < 1.0

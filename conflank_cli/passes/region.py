@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt, label, maximum_filter, uniform_filter
+from scipy.spatial import cKDTree
 
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import WorkFace, on_face
@@ -16,6 +17,7 @@ from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 # Nodes of the grid stand this far apart, mm, as verification looks at a blade; a large face has at most so many.
 SPACING = 0.22
@@ -33,6 +35,8 @@ class Grid:
     u (U,), v (V,): parameters. points, normals (U, V, 3): mm, unit and towards the cutter. curvature (U, V): largest
     normal curvature, 1/mm, positive where the face bends towards the cutter. inside (U, V): on the trimmed face.
     pitch: mean distance of nodes along u and along v, mm. area (U, V): mm2 that each stands for, 0 outside.
+    border (B, 3): points on the border of the trim, mm, which no node need be near; beside (B,): the flat index of the
+    node inside that is nearest to each.
     """
 
     u: Array
@@ -43,6 +47,8 @@ class Grid:
     inside: Flags
     pitch: tuple[float, float]
     area: Array
+    border: Array
+    beside: IntArray
 
     @classmethod
     def of(cls, face: WorkFace, spacing: float = SPACING) -> Grid:
@@ -67,25 +73,42 @@ class Grid:
         shape = (len(u), len(v))
         weight = np.outer(_ends_halved(len(u)), _ends_halved(len(v))).ravel()
         area = np.where(inside, size * weight * (u[1] - u[0]) * (v[1] - v[0]), 0.0)
+        points = frame[:, 0].copy()
+        border = face.border(spacing)
+        within = np.flatnonzero(inside)
+        beside = within[cKDTree(points[within]).query(border)[1]] if len(within) else np.zeros(len(border), np.int64)
         return cls(
             u,
             v,
-            frame[:, 0].reshape(*shape, 3).copy(),
+            points.reshape(*shape, 3),
             normals.reshape(*shape, 3),
             largest_curvature(frame, normals).reshape(shape),
             inside.reshape(shape),
             (lengths[0] / (len(u) - 1), lengths[1] / (len(v) - 1)),
             area.reshape(shape),
+            border,
+            beside,
         )
 
-    def swept(self, sweeps: Sequence[Sweep], tools: dict[str, Tool], allowance: float) -> Array:
-        """Gap less allowance that sweeps leave at the nodes, (U, V) mm; infinite off the face and without sweeps."""
-        gap = np.full(self.inside.shape, np.inf)
-        points = self.points[self.inside]
+    def swept(self, sweeps: Sequence[Sweep], tools: dict[str, Tool], allowance: float) -> tuple[Array, Array]:
+        """Gap less allowance that sweeps leave at the nodes (U, V) and on the border (B,), mm.
+
+        Infinite without sweeps, and at nodes off the face.
+        """
+        points = np.concatenate([self.points[self.inside], self.border])
+        least = np.full(len(points), np.inf)
         for sweep in sweeps:
-            own = motion_gap(sweep.motion, tools[sweep.tool], points, allowance)[0]
-            gap[self.inside] = np.minimum(gap[self.inside], own)
-        return gap
+            least = np.minimum(least, motion_gap(sweep.motion, tools[sweep.tool], points, allowance)[0])
+        gap = np.full(self.inside.shape, np.inf)
+        count = len(points) - len(self.border)
+        gap[self.inside] = least[:count]
+        return gap, least[count:]
+
+    def needed(self, gap: Array, border: Array, limit: float) -> Flags:
+        """Nodes where more than `limit` mm is left, and those beside a place on the border where there is, (U, V)."""
+        found = self.inside & (gap > limit)
+        found.flat[self.beside[border > limit]] = True
+        return found
 
     def steps(self, gap: Array, limit: float) -> Flags:
         """Nodes with stock left beside which the gap is lower by more than `limit` mm, (U, V)."""

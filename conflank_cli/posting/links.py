@@ -81,9 +81,7 @@ class SafePlane:
                 yield np.stack([beside + height * axis, beside, tip])
 
 
-def clearest(
-    links: Iterable[Array], axis: Array, ride: Ride | PassRide, screen: Screen, collider: Collider
-) -> Array:
+def clearest(links: Iterable[Array], axis: Array, ride: Ride | PassRide, screen: Screen, collider: Collider) -> Array:
     """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
 
     The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.

@@ -11,13 +11,13 @@ from conflank_cli.job import Tolerance
 from conflank_cli.passes.scallop import POSTING, Aim, line_distance, scallop_height
 
 
-@given(st.floats(0.5, 8.0), st.floats(1e-4, 0.05), st.floats(-0.95, 3.0))
+@given(st.floats(0.5, 8.0), st.floats(1e-4, 0.05), st.floats(-0.95, -0.01) | st.floats(0.01, 3.0))
 def test_distance_and_height_are_inverse(radius: float, height: float, bend: float) -> None:
-    """From flat to a hollow that the ball all but fills, and edges a third of the ball's radius."""
+    """From a hollow that the ball all but fills to an edge a third of the ball's radius."""
     curvature = bend / radius
     distance = float(line_distance(height, radius, curvature))
     if distance * abs(curvature) < np.pi:
-        assert scallop_height(distance, radius, curvature) == pytest.approx(height, abs=1e-9 + 1e-7 * abs(1 / bend))
+        assert scallop_height(distance, radius, curvature) == pytest.approx(height, abs=1e-9)
 
 
 def test_on_a_plane_it_is_pythagoras() -> None:
