@@ -29,8 +29,9 @@ Flags = npt.NDArray[np.bool_]
 
 # Passes go this many distances of lines into what sweeps have covered.
 OVERLAP = 1.5
-# Steps above this share of half the band of the tolerance are cut down: between nodes they may be higher.
-STEP_SHARE = 0.8
+# Steps that sweeps leave are cut down above this share of half the band of the tolerance, between nodes they may be
+# higher; and passes are laid so that theirs are below this share.
+STEP_SHARE, OWN_STEP_SHARE = 0.8, 0.9
 # Where a sweep leaves a gap closer than this to the tolerance, mm, its border is not certain.
 IN_DOUBT = 0.0005
 # Ball and cone may be found this deep in the triangles of the face, mm: a pass touches it.
@@ -106,8 +107,9 @@ class _FaceJob:
         fits = grid.curvature * (radius + self.aim.contact) < 1.0
         ball = Ball(radius, self.aim.height, self.aim.contact)
         overlap = OVERLAP * float(line_distance(self.aim.height, radius, 0.0))
+        cut = grid.distance(needed) < overlap
         room = max(self.over - POSTING + self.aim.contact - allowance, 0.0)
-        sink = grid.sink(swept, self.aim.height, STEP_SHARE * limit, room)
+        sink = grid.sink(swept, cut, self.aim.height, OWN_STEP_SHARE * limit, room)
         touch = max(self.aim.contact - float(sink.max()) - TOUCH, allowance - self.over)
         collider = _touching(self.collider, touch)
         passes: list[Pass] = []

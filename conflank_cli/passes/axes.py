@@ -29,7 +29,7 @@ CONE_OFF = radians(3.0)
 SINGULAR = radians(6.0)
 # Distance of the places for which free directions are looked up, and of the stations of a path at which the axis is
 # chosen, mm: what is in the way is larger.
-NODE = 2.0
+NODE = 2.5
 STATION = 2.0
 # Nothing is gained where obstacles are further from an axis than this; nearer than half the distance of directions
 # counts the same.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt, label, maximum_filter, uniform_filter
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter1d, uniform_filter
 from scipy.spatial import cKDTree
 
 from conflank_cli.geometry.gap import motion_gap
@@ -22,8 +22,12 @@ IntArray = npt.NDArray[np.int64]
 # Nodes of the grid stand this far apart, mm, as verification looks at a blade; a large face has at most so many.
 SPACING = 0.22
 MOST_NODES = 60_000
-# A crest and a cut stand so close that their difference is a step, mm; and over this way depths are blended.
-BESIDE, BLEND = 0.4, 0.6
+# A crest and a cut this close to each other make a step, mm, or as close as points at which verification judges a face:
+# so many on it, neighbours so much further apart than if they were even.
+BESIDE = 0.35
+JUDGED, NEIGHBOURS = 30_000, 2.0
+# Depths are blended over this way, mm.
+BLEND = 0.4
 # Nodes on the border of the box belong to the face: the rule of the trim decides for places this share further in.
 INWARD = 1e-6
 
@@ -35,8 +39,8 @@ class Grid:
     u (U,), v (V,): parameters. points, normals (U, V, 3): mm, unit and towards the cutter. curvature (U, V): largest
     normal curvature, 1/mm, positive where the face bends towards the cutter. inside (U, V): on the trimmed face.
     pitch: mean distance of nodes along u and along v, mm. area (U, V): mm2 that each stands for, 0 outside.
-    border (B, 3): points on the border of the trim, mm, which no node need be near; beside (B,): the flat index of the
-    node inside that is nearest to each.
+    border (B, 3): points on the border of the trim, mm, which no node need be near; border_node (B,): the flat index of
+    the node inside that is nearest to each.
     """
 
     u: Array
@@ -48,7 +52,7 @@ class Grid:
     pitch: tuple[float, float]
     area: Array
     border: Array
-    beside: IntArray
+    border_node: IntArray
 
     @classmethod
     def of(cls, face: WorkFace, spacing: float = SPACING) -> Grid:
@@ -76,7 +80,9 @@ class Grid:
         points = frame[:, 0].copy()
         border = face.border(spacing)
         within = np.flatnonzero(inside)
-        beside = within[cKDTree(points[within]).query(border)[1]] if len(within) else np.zeros(len(border), np.int64)
+        border_node = (
+            within[cKDTree(points[within]).query(border)[1]] if len(within) else np.zeros(len(border), np.int64)
+        )
         return cls(
             u,
             v,
@@ -87,7 +93,7 @@ class Grid:
             (lengths[0] / (len(u) - 1), lengths[1] / (len(v) - 1)),
             area.reshape(shape),
             border,
-            beside,
+            border_node,
         )
 
     def swept(self, sweeps: Sequence[Sweep], tools: dict[str, Tool], allowance: float) -> tuple[Array, Array]:
@@ -107,34 +113,39 @@ class Grid:
     def needed(self, gap: Array, border: Array, limit: float) -> Flags:
         """Nodes where more than `limit` mm is left, and those beside a place on the border where there is, (U, V)."""
         found = self.inside & (gap > limit)
-        found.flat[self.beside[border > limit]] = True
+        found.flat[self.border_node[border > limit]] = True
         return found
+
+    @property
+    def beside(self) -> float:
+        """Places no further apart than this are neighbours, mm: a difference of their gaps is a step."""
+        return max(BESIDE, NEIGHBOURS * float(np.sqrt(self.area.sum() / JUDGED)))
 
     def steps(self, gap: Array, limit: float) -> Flags:
         """Nodes with stock left beside which the gap is lower by more than `limit` mm, (U, V)."""
-        higher = np.zeros(gap.shape, dtype=np.bool_)
+        known = np.where(self.inside, gap, np.inf)
+        lowest = np.minimum(*(minimum_filter1d(known, self._window(self.beside)[k], axis=k) for k in (0, 1)))
         with np.errstate(invalid="ignore"):
-            for axis in (0, 1):
-                rise = np.diff(gap, axis=axis)
-                first, last = [slice(None)] * 2, [slice(None)] * 2
-                first[axis], last[axis] = slice(None, -1), slice(1, None)
-                higher[tuple(last)] |= rise > limit
-                higher[tuple(first)] |= rise < -limit
-        return higher & (gap > 0.0) & self.inside
+            return np.asarray(self.inside & (known > 0.0) & (known - lowest > limit))
 
-    def sink(self, gap: Array, height: float, limit: float, most: float) -> Array:
+    def sink(self, gap: Array, cut: Flags, height: float, limit: float, most: float) -> Array:
         """How much deeper than aimed at passes go beside deep cuts, (U, V) mm, so that no step is higher than `limit`.
 
         Where a sweep cuts below the face, a crest of `height` beside its border would stand high over it: the passes
-        sink by what is too much, by no more than `most`, and come up again over `BLEND` mm.
+        sink by what is too much, by no more than `most`, nor so deep that stock beside what they cut (`cut`) would
+        stand high over them. They come up again over `BLEND` mm.
         """
-        deep = np.where(np.isfinite(gap) & self.inside, np.maximum(-gap, 0.0), 0.0)
-        reach = [int(np.ceil((BESIDE + BLEND) / pitch)) for pitch in self.pitch]
-        blend = [int(np.ceil(BLEND / pitch)) for pitch in self.pitch]
-        deepest = maximum_filter(deep, size=[2 * k + 1 for k in reach])
-        over = np.clip(deepest + height - limit, 0.0, most)
+        known = self.inside & np.isfinite(gap)
+        near, blend = self._window(self.beside + BLEND), self._window(BLEND)
+        deepest = maximum_filter(np.where(known, np.maximum(-gap, 0.0), 0.0), size=near)
+        highest = maximum_filter(np.where(known & ~cut, gap, 0.0), size=self._window(self.beside))
+        over = np.clip(deepest + height - limit, 0.0, np.clip(limit - highest, 0.0, most))
         # The mean of maxima over windows that all hold a node's own surroundings is no less than what it needs.
-        return np.asarray(uniform_filter(over, size=[2 * k + 1 for k in blend]))
+        return np.asarray(uniform_filter(over, size=blend))
+
+    def _window(self, way: float) -> tuple[int, int]:
+        """Nodes of a window that goes this way to either side, mm."""
+        return 2 * int(np.ceil(way / self.pitch[0])) + 1, 2 * int(np.ceil(way / self.pitch[1])) + 1
 
     def spots(self, needed: Flags, overlap: float) -> list[Flags]:
         """What is needed, nodes of each spot apart, (U, V) each; spots that meet within twice the overlap are one."""

@@ -161,11 +161,15 @@ def test_the_sink_takes_off_what_a_step_has_too_much() -> None:
     grid = Grid.of(WorkFace.of(plane_face((0.0, 10.0), (0.0, 10.0)), 0.0))
     across = grid.points[..., 0]
     gap = np.where(across < 5.0, -0.007, np.inf)
-    sink = grid.sink(gap, 0.005, 0.010, 0.009)
-    assert sink[np.abs(across - 5.0) < 0.4] == pytest.approx(0.002, abs=1e-12)
+    cut = across > 4.7
+    sink = grid.sink(gap, cut, 0.005, 0.010, 0.009)
+    assert sink[(across >= 4.7) & (across < 5.3)] == pytest.approx(0.002, abs=1e-12)
     assert sink[across > 7.0] == pytest.approx(0.0, abs=1e-12)
-    assert np.abs(np.diff(sink, axis=0)).max() <= 0.002 * grid.pitch[0] / 0.6 + 1e-12
-    assert grid.sink(gap, 0.005, 0.010, 0.001).max() == pytest.approx(0.001)
+    assert np.abs(np.diff(sink, axis=0)).max() <= 0.002 * grid.pitch[0] / 0.4 + 1e-12
+    assert grid.sink(gap, cut, 0.005, 0.010, 0.001).max() == pytest.approx(0.001)
+    # Stock of 10 um that no pass takes off keeps them from going deeper beside it.
+    stock = np.where(across < 4.4, 0.010, gap)
+    assert grid.sink(stock, cut, 0.005, 0.010, 0.009)[across < 4.4] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_distance_to_a_polyline() -> None:
