@@ -30,6 +30,7 @@ bench: setup
 	$(BIN)/python -m benchmarks.optimization --json benchmarks/results/optimization.json
 	$(BIN)/python -m benchmarks.certificate
 	$(BIN)/python -m benchmarks.selection
+	$(BIN)/python -m benchmarks.passes
 	$(BIN)/python -m benchmarks.posting
 	$(BIN)/python -m benchmarks.posts
 	$(BIN)/python -m benchmarks.collision --json benchmarks/results/collision.json

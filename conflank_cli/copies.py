@@ -14,6 +14,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.ball_pass import Pass
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.job import Copies
 from conflank_cli.machine_frame import copy_rotation
@@ -21,19 +22,20 @@ from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
+Cut = Sweep | Pass
 
 
-def over_copies(copies: Copies, sweeps: Sequence[Sweep]) -> Iterator[tuple[Sweep, Array]]:
-    """Every sweep of a plan on every copy that is cut, with that copy's rotation.
+def over_copies(copies: Copies, cuts: Sequence[Cut]) -> Iterator[tuple[Cut, Array]]:
+    """Every cut of a plan on every copy that is cut, with that copy's rotation.
 
-    As long as a tool is in the spindle it goes over all copies; on each of them its sweeps keep their order.
+    As long as a tool is in the spindle it goes over all copies; on each of them its cuts keep their order.
     """
     rotations = [copy_rotation(copies, number) for number in copies.order]
-    for _, group in groupby(sweeps, key=lambda sweep: sweep.tool):
+    for _, group in groupby(cuts, key=lambda cut: cut.tool):
         run = list(group)
         for rotation in rotations:
-            for sweep in run:
-                yield sweep, rotation
+            for cut in run:
+                yield cut, rotation
 
 
 def seen_from_first(scene: Scene) -> Scene:

@@ -1,7 +1,7 @@
 """The job file: what to machine, with which tools, how well, and for which machine.
 
-Every key of the contract is known here, with its default and its limits. A key whose capability does not exist yet is
-accepted only at the value that means "off" (`NOT_YET`), so that nothing in a job file is ever ignored.
+Every key of the contract is known here, with its default and its limits; unknown keys are errors, so that nothing in a
+job file is ever ignored.
 """
 
 from __future__ import annotations
@@ -291,24 +291,6 @@ class Job(Struct, frozen=True, forbid_unknown_fields=True):
         return _resolve_tools(self, "job")
 
 
-class NotYet(NamedTuple):
-    """A key that is known but can so far only be off."""
-
-    key: str
-    found: Callable[[Job], str | None]
-    off: str
-
-
-def _unless(value: object, off: object) -> str | None:
-    return None if value == off else _spell(value)
-
-
-NOT_YET: tuple[NotYet, ...] = (
-    NotYet("[selection] ball_passes.enabled", lambda job: _unless(job.selection.ball_passes.enabled, False), "false"),
-)
-"""Capabilities that this version does not have. Delete a line here together with building what it names."""
-
-
 def load_job(path: str | Path) -> Job:
     """Read and check a job file.
 
@@ -579,7 +561,7 @@ def _spell(value: object) -> str:
 
 
 def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
-    """Checks between keys, then the capabilities that do not exist yet."""
+    """Checks between keys."""
     tools = _resolve_tools(job, where)
     weights = job.optimization
     if not any((weights.mu1, weights.mu2, weights.mu3, weights.mu4, weights.mu5)):
@@ -644,15 +626,6 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
         raise InputError(
             f"{where}: [machine]", "both name and file", "one of them", "Remove name to use your own machine file."
         )
-    for capability in NOT_YET:
-        found = capability.found(job)
-        if found is not None:
-            raise InputError(
-                f"{where}: {capability.key}",
-                found,
-                f"{capability.off} (this version of conflank can do no other)",
-                "Leave the key out.",
-            )
 
 
 def _check_tool_numbers(job: Job, where: str) -> None:

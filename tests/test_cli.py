@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -18,7 +20,7 @@ from click.testing import CliRunner, Result
 from conflank_cli.artifacts import read_artifact, write_artifact
 from conflank_cli.cad.scene import load_scene
 from conflank_cli.cli import COMMANDS, cli
-from conflank_cli.job import load_job
+from conflank_cli.job import BallPasses, Selection, load_job
 
 # A hyperbolic paraboloid, 30 x 20 mm: ruled twice, so one sweep of a cone covers it within the tolerance.
 SADDLE = {
@@ -85,6 +87,28 @@ def test_run_writes_its_files_and_a_table(finished: Path) -> None:
     assert verification["coverage"] >= 0.99
     assert verification["overcut_max_um"] <= 10.0
     assert verification["findings"] == []
+
+
+def test_passes_finish_what_a_short_sweep_leaves(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Passes are told apart from the sweep all the way from the plan to the judgement."""
+    monkeypatch.chdir(tmp_path)
+    scene, sweeps, _ = read_artifact(finished / "out" / "plan.npz", "plan")
+    selection = Selection(coverage=0.5, ball_passes=BallPasses(enabled=True))
+    scene = replace(scene, job=msgspec.structs.replace(scene.job, selection=selection))
+    short = replace(sweeps[0], motion=sweeps[0].motion.restricted(0.0, 0.8))
+    write_artifact("motions", scene, [short], {}, "motions.npz")
+    assert invoke("select", "motions.npz", "-o", "plan.npz").exit_code == 0
+    listed = invoke("inspect", "plan.npz").stdout
+    assert "1 sweeps, " in listed and "with passes %" in listed
+    assert invoke("post", "plan.npz", "-o", "P.H").exit_code == 0
+    result = invoke("verify", "P.H", "--job", str(finished / "job.toml"))
+    found = json.loads(Path("P.H.verification.json").read_bytes())
+    assert result.exit_code == 0 and found["coverage"] >= 0.9999 > found["coverage_flank"] + 0.02
+    assert found["step_max_um"] <= 10.0
+    assert [item["number"] for item in found["passes"]] == list(range(2, 2 + len(found["passes"])))
+    assert "% without the passes" in result.output and "and passes" in result.output
 
 
 def test_the_shell_pipe_gives_the_bytes_of_run(finished: Path) -> None:

@@ -26,6 +26,7 @@ LAYERS = {
     "conflank_cli.optimization": 2,
     "conflank_cli.selection": 2,
     "conflank_cli.verification": 2,
+    "conflank_cli.passes": 2,
     "conflank_cli.posting": 2,
     "conflank_cli.commands": 3,
     "conflank_cli.options": 3,

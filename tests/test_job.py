@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conflank_cli.errors import InputError
-from conflank_cli.job import NOT_YET, Job, job_from_builtins, load_job, parse_job
+from conflank_cli.job import Job, job_from_builtins, load_job, parse_job
 from conflank_cli.tool import CATALOGUE, Section
 
 PART = '[part]\nfile = "blade.step"\n[[part.design]]\nface = 0\n'
@@ -240,19 +240,6 @@ def test_a_slip_of_the_pen_gets_a_suggestion() -> None:
         parse(LEAST + "[selection]\ncoverrage = 0.9\n")
     with pytest.raises(InputError, match="Did you mean 'BLADE7'"):
         parse(PART + '[tools]\nuse = ["BLADE6"]\n' + MY.replace("MY", "BLADE7").format(1, 2, 5))
-
-
-ON = {
-    "[selection] ball_passes.enabled": "[selection]\nball_passes = {enabled = true}\n",
-}
-
-
-@pytest.mark.parametrize("capability", NOT_YET, ids=lambda capability: capability.key)
-def test_what_cannot_be_done_yet_is_refused_and_never_ignored(capability) -> None:
-    with pytest.raises(InputError) as refusal:
-        parse(LEAST + ON[capability.key])
-    assert refusal.value.where == f"job.toml: {capability.key}"
-    assert "this version" in refusal.value.expected
 
 
 def test_a_missing_job_is_named(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Artifacts as NPZ files without pickles: the scene, the sweeps and a summary.
+"""Artifacts as NPZ files without pickles: the scene, the sweeps, in a plan the passes, and a summary.
 
 The array `meta` holds a JSON document in UTF-8 (`Document`): schema name and version, units, the resolved job, hashes
 of the inputs, the version of the program, and the meaning of the other arrays:
@@ -10,7 +10,9 @@ of the inputs, the version of the program, and the meaning of the other arrays:
   ``face<i>_coverage_points`` (N, 3), ``face<i>_coverage_areas``, ``face<i>_coverage_sweep`` and
   ``face<i>_coverage_reason`` (N,);
 - ``motion_offsets`` (sweeps + 1,): sweep k has control points o[k] to o[k + 1] of ``motion_p`` and ``motion_q``
-  (N, 3), and knots o[k] + 4 k to o[k + 1] + 4 (k + 1) of ``motion_knots``.
+  (N, 3), and knots o[k] + 4 k to o[k + 1] + 4 (k + 1) of ``motion_knots``;
+- with passes ``pass_offsets`` (passes + 1,): pass k has poses o[k] to o[k + 1] of ``pass_tip`` and ``pass_axis``
+  (N, 3).
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,6 +31,7 @@ import numpy.typing as npt
 from msgspec import Struct
 
 from conflank_cli import __version__
+from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.errors import InputError, NumericalError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
@@ -46,6 +49,8 @@ MAKERS: Mapping[str, str] = {"candidates": "detect", "motions": "optimize", "pla
 """The stage that writes each kind."""
 
 SCHEMA_VERSION = 1
+UNIT_SLACK = 1e-6
+"""Axes of passes are unit vectors within this."""
 UNITS: Mapping[str, str] = {"length": "mm", "angle": "rad"}
 # The zip format cannot hold an earlier date; any fixed one makes equal inputs give equal bytes.
 _ZIP_MAGIC = b"PK\x03\x04"
@@ -104,7 +109,15 @@ class SweepEntry(Struct, frozen=True, forbid_unknown_fields=True):
     facts: dict[str, float]
 
 
-class Document(Struct, frozen=True, forbid_unknown_fields=True):
+class PassEntry(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a pass is besides its poses."""
+
+    face: int
+    tool: str
+    facts: dict[str, float]
+
+
+class Document(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The JSON document of an artifact; `schema` is "conflank/" and the kind."""
 
     schema: str
@@ -117,6 +130,17 @@ class Document(Struct, frozen=True, forbid_unknown_fields=True):
     faces: tuple[FaceEntry, ...]
     tools: tuple[ToolEntry, ...]
     sweeps: tuple[SweepEntry, ...]
+    summary: dict[str, Any]
+    passes: tuple[PassEntry, ...] = ()
+
+
+class Contents(NamedTuple):
+    """What an artifact holds; only a plan has passes."""
+
+    kind: Kind
+    scene: Scene
+    sweeps: tuple[Sweep, ...]
+    passes: tuple[Pass, ...]
     summary: dict[str, Any]
 
 
@@ -134,7 +158,9 @@ def write_artifact(
     summary: Mapping[str, object],
     out: str | Path,
     inputs: Iterable[str | Path] = (),
+    *,
     coverage: Sequence[FaceCoverage] = (),
+    passes: Sequence[Pass] = (),
 ) -> None:
     """Write an artifact to the file `out`, or to standard output for "-".
 
@@ -146,6 +172,7 @@ def write_artifact(
     out: file, replaced if it exists.
     inputs: files that must not be replaced.
     coverage: of a plan, one for each design face, or none.
+    passes: those of a plan.
 
     Raises
     ------
@@ -153,7 +180,7 @@ def write_artifact(
     NumericalError: a number to write is not finite.
     """
     check_output(out, inputs, binary=True)
-    write_output(encode_artifact(kind, scene, sweeps, summary, coverage), out, inputs)
+    write_output(encode_artifact(kind, scene, sweeps, summary, coverage=coverage, passes=passes), out, inputs)
 
 
 def encode_artifact(
@@ -161,7 +188,9 @@ def encode_artifact(
     scene: Scene,
     sweeps: Sequence[Sweep],
     summary: Mapping[str, object],
+    *,
     coverage: Sequence[FaceCoverage] = (),
+    passes: Sequence[Pass] = (),
 ) -> bytes:
     """The bytes of an artifact. Equal arguments give equal bytes."""
     arrays: dict[str, npt.NDArray[Any]] = {}
@@ -186,6 +215,10 @@ def encode_artifact(
     arrays["motion_knots"] = np.concatenate([np.empty(0, "<f8"), *(sweep.motion.knots for sweep in sweeps)])
     arrays["motion_p"] = _joined([sweep.motion.p for sweep in sweeps], 3)
     arrays["motion_q"] = _joined([sweep.motion.q for sweep in sweeps], 3)
+    if passes:
+        arrays["pass_offsets"] = _offsets([item.tip for item in passes])
+        arrays["pass_tip"] = _joined([item.tip for item in passes], 3)
+        arrays["pass_axis"] = _joined([item.axis for item in passes], 3)
     for name, array in arrays.items():
         if not np.all(np.isfinite(array)):
             raise NumericalError(
@@ -206,10 +239,15 @@ def encode_artifact(
             for sweep in sweeps
         ),
         summary=dict(summary),
+        passes=tuple(
+            PassEntry(item.face, item.tool, {name: float(value) for name, value in item.facts.items()})
+            for item in passes
+        ),
     )
     for place, entry in (
         ("summary", document.summary),
         *((f"sweep {k}", s.facts) for k, s in enumerate(document.sweeps)),
+        *((f"pass {k}", s.facts) for k, s in enumerate(document.passes)),
     ):
         _refuse_not_finite(entry, f"{kind}: {place}")
     text = msgspec.json.encode(document, enc_hook=_plain, order="deterministic")
@@ -244,6 +282,12 @@ def read_artifact(source: str | Path, expected: Kind | None = None) -> tuple[Sce
     return scene, sweeps, summary
 
 
+def read_plan(source: str | Path) -> Contents:
+    """Read a plan with its passes from a file, or from standard input for "-"; raises what `read_artifact` does."""
+    where, data = read_source(source)
+    return decode_contents(data, where, "plan")
+
+
 def read_source(source: str | Path) -> tuple[str, bytes]:
     """The name for messages and the bytes of a file, or of standard input for "-"."""
     if str(source) == STANDARD:
@@ -260,6 +304,12 @@ def decode_artifact(
     data: bytes, where: str, expected: Kind | None = None
 ) -> tuple[Kind, Scene, tuple[Sweep, ...], dict[str, Any]]:
     """Kind, scene, sweeps and summary from the bytes of an artifact; `where` names it in messages."""
+    contents = decode_contents(data, where, expected)
+    return contents.kind, contents.scene, contents.sweeps, contents.summary
+
+
+def decode_contents(data: bytes, where: str, expected: Kind | None = None) -> Contents:
+    """Everything in the bytes of an artifact; `where` names it in messages."""
     arrays = _load_arrays(data, where, expected)
     kind = _check_schema(arrays, where, expected)
     try:
@@ -279,12 +329,12 @@ def decode_artifact(
     scene = Scene(
         job, document.part_name, faces, tuple(_tool(entry) for entry in document.tools), check, document.inputs
     )
-    return kind, scene, _sweeps(document.sweeps, arrays), document.summary
+    return Contents(kind, scene, _sweeps(document.sweeps, arrays), _passes(document.passes, arrays), document.summary)
 
 
 def decode_coverage(data: bytes, where: str) -> tuple[FaceCoverage, ...]:
     """What a plan covers of each design face, from the bytes of an artifact; none where it has none."""
-    _, scene, _, _ = decode_artifact(data, where, "plan")
+    scene = decode_contents(data, where, "plan").scene
     arrays = _load_arrays(data, where, "plan")
     if "face0_coverage_uv" not in arrays:
         return ()
@@ -296,7 +346,7 @@ def decode_coverage(data: bytes, where: str) -> tuple[FaceCoverage, ...]:
 
 def document_text(data: bytes, where: str) -> str:
     """The JSON document of an artifact as it stands in the file, after all checks."""
-    decode_artifact(data, where)
+    decode_contents(data, where)
     return str(_load_arrays(data, where, None)["meta"].tobytes().decode("utf-8"))
 
 
@@ -420,6 +470,12 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
         "motion_p": (None, 3),
         "motion_q": (None, 3),
     }
+    if document.passes:
+        ranks |= {
+            "pass_offsets": (len(document.passes) + 1,),
+            "pass_tip": (None, 3),
+            "pass_axis": (None, 3),
+        }
     for index, entry in enumerate(document.faces):
         ranks |= {
             f"face{index}_knots_u": (None,),
@@ -442,14 +498,16 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
         numbers = array.dtype.kind == ("i" if name.endswith(whole) else "f")
         if not (fits and numbers and np.all(np.isfinite(array))):
             raise _damaged(where, f"array {name!r} with shape {shape}, type {array.dtype} or numbers not finite")
+    cuts: tuple[SweepEntry | PassEntry, ...] = (*document.sweeps, *document.passes)
     consistent = (
         _steps(arrays["motion_offsets"], len(arrays["motion_p"]), DEGREE + 1)
         and len(arrays["motion_p"]) == len(arrays["motion_q"])
         and len(arrays["motion_knots"]) == len(arrays["motion_p"]) + (DEGREE + 1) * len(document.sweeps)
+        and (not document.passes or _passes_consistent(document, arrays))
         and len(arrays["check_face"]) == len(arrays["check_triangles"])
         and _indices(arrays["check_triangles"], len(arrays["check_vertices"]))
-        and all(0 <= sweep.face < len(document.faces) for sweep in document.sweeps)
-        and {sweep.tool for sweep in document.sweeps} <= {tool.name for tool in document.tools}
+        and all(0 <= cut.face < len(document.faces) for cut in cuts)
+        and {cut.tool for cut in cuts} <= {tool.name for tool in document.tools}
         and all(_face_consistent(entry, arrays, index) for index, entry in enumerate(document.faces))
         and all(_coverage_consistent(arrays, index, len(document.sweeps)) for index in range(len(document.faces)))
     )
@@ -459,6 +517,16 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
 
 def _steps(offsets: npt.NDArray[Any], total: int, least: int) -> bool:
     return bool(offsets[0] == 0 and offsets[-1] == total and np.all(np.diff(offsets) >= least))
+
+
+def _passes_consistent(document: Document, arrays: Mapping[str, npt.NDArray[Any]]) -> bool:
+    axes = arrays["pass_axis"]
+    return (
+        document.schema == "conflank/plan"
+        and _steps(arrays["pass_offsets"], len(arrays["pass_tip"]), 2)
+        and len(axes) == len(arrays["pass_tip"])
+        and bool(np.all(np.abs(np.linalg.norm(axes, axis=1) - 1.0) < UNIT_SLACK))
+    )
 
 
 def _indices(triangles: npt.NDArray[Any], count: int) -> bool:
@@ -529,3 +597,13 @@ def _sweeps(entries: Sequence[SweepEntry], arrays: Mapping[str, npt.NDArray[Any]
         motion = Motion(knots, arrays["motion_p"][a:b].copy(), arrays["motion_q"][a:b].copy())
         sweeps.append(Sweep(entry.face, entry.tool, motion, entry.facts))
     return tuple(sweeps)
+
+
+def _passes(entries: Sequence[PassEntry], arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[Pass, ...]:
+    if not entries:
+        return ()
+    cuts = pairwise(arrays["pass_offsets"].tolist())
+    return tuple(
+        Pass(entry.face, entry.tool, arrays["pass_tip"][a:b].copy(), arrays["pass_axis"][a:b].copy(), entry.facts)
+        for entry, (a, b) in zip(entries, cuts, strict=True)
+    )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from conflank_cli.artifacts.npz import decode_artifact, document_text, read_source
+from conflank_cli.artifacts.npz import decode_contents, document_text, read_source
 from conflank_cli.commands.plan_map import summary_tables
 from conflank_cli.commands.tables import cell_text, text_table
 from conflank_cli.sweep import Sweep
@@ -30,7 +30,7 @@ def list_artifact(source: str, as_json: bool) -> str:
     where, data = read_source(source)
     if as_json:
         return msgspec.json.format(document_text(data, where)) + "\n"
-    kind, scene, sweeps, summary = decode_artifact(data, where)
+    kind, scene, sweeps, passes, summary = decode_contents(data, where)
     faces = [
         (face.number, face.name, face.surface.degree_u, face.surface.degree_v, "x".join(map(str, shape[:2])))
         for face, shape in ((face, face.surface.poles.shape) for face in scene.faces)
@@ -42,21 +42,47 @@ def list_artifact(source: str, as_json: bool) -> str:
         (k, scene.faces[sweep.face].number, sweep.tool, len(sweep.motion.p), *map(sweep.facts.get, names))
         for k, sweep in enumerate(sweeps, start=1)
     ]
+    ball = [
+        (k, scene.faces[item.face].number, item.tool, len(item.tip), *item.facts.values())
+        for k, item in enumerate(passes, start=len(sweeps) + 1)
+    ]
+    counted = f"{len(sweeps)} sweeps" + (f", {len(passes)} passes" if passes else "")
     parts = [
-        f"{kind} of {scene.part_name}, {len(sweeps)} sweeps\n",
+        f"{kind} of {scene.part_name}, {counted}\n",
         text_table(["face", "<name", "degree u", "degree v", "net"], faces),
         text_table(["<tool", "number", "r_min mm", "r_max mm", "length mm"], tools),
         text_table(["sweep", "face", "<tool", "controls", *names], cuts),
+        text_table(["pass", "face", "<tool", "poses", *passes[0].facts], ball) if passes else "",
         _terms(sweeps) if kind == "motions" else "",
         summary_tables(summary) if kind == "plan" and "faces" in summary else "",
+        _finished(summary.get("passes_by_face", [])),
         "".join(
             f"{name}: {cell_text(value)}\n"
             for name, value in summary.items()
-            if not isinstance(value, dict) and name not in ("faces", "order")
+            if not isinstance(value, dict) and name not in ("faces", "order", "passes_by_face")
         ),
         "".join(f"{count} x {result}\n" for result, count in summary.get("results", {}).items()),
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _finished(faces: Sequence[Mapping[str, Any]]) -> str:
+    """What sweeps and passes cover together, and what is left and why, face by face."""
+    if not faces:
+        return ""
+    reasons = list(dict.fromkeys(reason for face in faces for reason in face["left_mm2"]))
+    rows = [
+        (
+            face["face"],
+            100.0 * face["coverage_flank"],
+            face["passes"],
+            100.0 * face["coverage"],
+            *(face["left_mm2"][reason] for reason in reasons),
+        )
+        for face in faces
+    ]
+    columns = ["face", "sweeps %", "passes", "with passes %", *(f"{reason} mm²" for reason in reasons)]
+    return text_table(columns, rows)
 
 
 def _is_term(name: str) -> bool:

@@ -19,7 +19,7 @@ def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
     PLAN is what conflank select writes. A program that the control or the machine cannot execute is not written. Where
     the job splits the program, -o names the one that calls the parts; they are written beside it.
     """
-    from conflank_cli.artifacts import read_artifact
+    from conflank_cli.artifacts import read_plan
     from conflank_cli.commands.inputs import override
     from conflank_cli.commands.stages import run_post
     from conflank_cli.commands.tables import prediction
@@ -27,10 +27,10 @@ def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
     from conflank_cli.posting import summarize
 
     check_output(output, [source])
-    scene, sweeps, _ = read_artifact(source, "plan")
-    scene = override(scene, "post", job_file, talk)
+    plan = read_plan(source)
+    scene = override(plan.scene, "post", job_file, talk)
     check_split(scene.job.program.split, output)
-    files, path = run_post(scene, sweeps, output, talk)
+    files, path = run_post(scene, plan.sweeps, plan.passes, output, talk)
     for name in files:
         check_output(name, [source])
     # The calling program last: once it is there, so are its parts.

@@ -30,7 +30,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.plan_map import summary_tables
-    from conflank_cli.commands.stages import run_detect, run_optimize, run_post, run_select, run_verify
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.formats import post_of
@@ -56,14 +56,15 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary, coverage = run_select(scene, motions, talk)
+    passes, plan_summary = run_passes(scene, plan, plan_summary, talk)
     contents: dict[str, bytes | str] = {
         "candidates.npz": encode_artifact("candidates", scene, candidates, candidates_summary),
         "motions.npz": encode_artifact("motions", scene, motions, motions_summary),
-        "plan.npz": encode_artifact("plan", scene, plan, plan_summary, coverage),
+        "plan.npz": encode_artifact("plan", scene, plan, plan_summary, coverage=coverage, passes=passes),
     }
     verification, facts = None, ""
-    if plan:
-        programs, path = run_post(scene, plan, program, talk)
+    if plan or passes:
+        programs, path = run_post(scene, plan, passes, program, talk)
         verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
         facts = facts_of(summarize(scene.job, path))
         contents |= {**programs, f"{program}.verification.json": verification.to_json().decode()}

@@ -18,7 +18,9 @@ from conflank_cli.options import Talk
 @options.as_json
 @options.common
 def select(source: str, output: str, job_file: str | None, picture: str | None, as_json: bool, talk: Talk) -> int:
-    """Choose the sweeps that cover the design faces, and put them in order.
+    """Choose the sweeps that cover the design faces, put them in order, and lay passes over what they leave.
+
+    Passes are cut with the ball; they are laid where [selection] ball_passes is enabled.
 
     MOTIONS is what conflank optimize writes. A table on standard error says how many sweeps there have to be at least,
     and what is left and why; --json prints it on standard output, which takes an -o FILE for the plan. Exit code 1
@@ -28,7 +30,7 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
     from conflank_cli.commands.inputs import override
     from conflank_cli.commands.picture_file import picture_suffix
     from conflank_cli.commands.plan_map import as_document, draw, summary_tables
-    from conflank_cli.commands.stages import run_select
+    from conflank_cli.commands.stages import run_passes, run_select
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.output import STANDARD, check_output, write_output
 
@@ -41,10 +43,11 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
     scene, sweeps, _ = read_artifact(source, "motions")
     scene = override(scene, "select", job_file, talk)
     plan, summary, coverage = run_select(scene, sweeps, talk)
-    write_artifact("plan", scene, plan, summary, output, [source], coverage)
+    passes, summary = run_passes(scene, plan, summary, talk)
+    write_artifact("plan", scene, plan, summary, output, [source], coverage=coverage, passes=passes)
     if picture is not None:
         write_output(draw(scene, plan, coverage, picture), picture, [source])
     talk.note(summary_tables(summary).rstrip("\n"))
     if as_json:
         click.echo(as_document(summary, plan, scene), nl=False)
-    return EXIT_DONE if plan else EXIT_FINDINGS
+    return EXIT_DONE if plan or passes else EXIT_FINDINGS

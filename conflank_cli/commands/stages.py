@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from conflank_cli import geometry
+from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage
 from conflank_cli.errors import NumericalError
 from conflank_cli.options import Talk
@@ -83,14 +84,29 @@ def run_select(
     return plan, _counts(scene, plan) | summary, choice.coverage
 
 
-def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> tuple[dict[str, str], ToolPath]:
+def run_passes(
+    scene: Scene, plan: Sequence[Sweep], summary: dict[str, Any], talk: Talk
+) -> tuple[list[Pass], dict[str, Any]]:
+    """The passes over what the sweeps of a plan leave, where the job wants them, and the plan's summary with theirs."""
+    from conflank_cli.passes import ball_passes
+
+    if not scene.job.selection.ball_passes.enabled:
+        return [], summary
+    with talk.timed("passes"):
+        passes, more = ball_passes(scene, plan, talk.progress)
+    return passes, summary | more
+
+
+def run_post(
+    scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass], output: str, talk: Talk
+) -> tuple[dict[str, str], ToolPath]:
     """Texts by name of file (the program to run as `output`, then the parts it calls beside it), and the tool path."""
     from conflank_cli.errors import UsageError
     from conflank_cli.formats import post_of
     from conflank_cli.posting import post_programs
 
     with talk.timed("post"):
-        (program, *parts), path = post_programs(scene, sweeps)
+        (program, *parts), path = post_programs(scene, sweeps, passes)
     suffix = post_of(scene.job).suffix
     files = {output: program.text}
     for part in parts:

@@ -57,11 +57,11 @@ def judgement(verification: Verification) -> str:
     stock = verification.stock_max_um
     mean = verification.gap_um.mean_abs
     lines = [
-        ("coverage", f"{100.0 * verification.coverage:.2f} %"),
+        ("coverage", f"{100.0 * verification.coverage:.2f} %{_by_sweeps(verification)}"),
         ("gap", "-" if mean is None else f"{mean:.2f} µm in the mean over the covered area"),
         ("overcut", f"{verification.overcut_max_um:.2f} µm at most{_where(verification.overcut_max_at)}"),
         ("stock", "-" if stock is None else f"{stock:.2f} µm at most{_where(verification.stock_max_at)}"),
-        ("time", f"{verification.time_s / 60.0:.1f} min"),
+        ("time", f"{verification.time_s / 60.0:.1f} min{_by_kind(verification)}"),
         ("control", _control(verification.control_tolerance_um)),
         ("findings", str(len(verification.findings)) if verification.findings else "none"),
     ]
@@ -87,6 +87,18 @@ def _control(tolerance_um: float | None) -> str:
     if tolerance_um is None:
         return "may deviate by an unknown amount: the program sets no tolerance"
     return f"may deviate by {tolerance_um:.1f} µm more (T + h TA of cycle 32)"
+
+
+def _by_sweeps(verification: Verification) -> str:
+    return f", {100.0 * verification.coverage_flank:.2f} % without the passes" if verification.passes else ""
+
+
+def _by_kind(verification: Verification) -> str:
+    """How long sweeps and passes cut, where there are passes; the rest of the time is on the way to them."""
+    if not verification.passes:
+        return ""
+    minutes = [sum(cut.time_s for cut in cuts) / 60.0 for cuts in (verification.sweeps, verification.passes)]
+    return ", sweeps {:.1f} and passes {:.1f} min of it".format(*minutes)
 
 
 def _where(place: Place | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride
 from postprocessors.errors import PostError
 from postprocessors.kinematics.timing import followed_seconds, least_seconds
 from postprocessors.machines.machine import Machine
@@ -20,7 +20,9 @@ AT_LIMIT = 1e-9
 """Relative excess over an axis' speed that is rounding."""
 
 
-def block_feeds(tip: Array, axis: Array, axes: Array, ride: Ride, machine: Machine, at: str, label: str) -> Array:
+def block_feeds(
+    tip: Array, axis: Array, axes: Array, ride: Ride | PassRide, machine: Machine, at: str, label: str
+) -> Array:
     """Feed of the tip into each pose, whole mm/min, (N,); the first pose gets the feed of the second.
 
     Parameters
@@ -29,7 +31,7 @@ def block_feeds(tip: Array, axis: Array, axes: Array, ride: Ride, machine: Machi
     axes: positions of the machine's five axes there, (N, 5), mm and degrees, rotary words unwound.
     ride: the cut they belong to.
     machine: its feed, block time, and speed and acceleration of its axes limit the feed.
-    at: "contact": the fastest point of the flute has the tool's feed; "tip": the tip has.
+    at: "contact": the fastest point of what cuts has the tool's feed; "tip": the tip has.
     label: of the cut in messages; `pose` counts from its first.
 
     Raises
@@ -42,7 +44,7 @@ def block_feeds(tip: Array, axis: Array, axes: Array, ride: Ride, machine: Machi
     fastest = low
     if at == "contact":
         # |step| is a convex function of height, so the fastest point is at one of the ends.
-        fastest = np.maximum(low, np.linalg.norm(np.diff(tip + ride.reach * axis, axis=0), axis=1))
+        fastest = np.maximum(low, np.linalg.norm(np.diff(tip + ride.contact[1] * axis, axis=0), axis=1))
     least = least_seconds(machine, axes)
     seconds = np.maximum(np.maximum(fastest / wanted, 60.0 * low / machine.max_feed_mm_min), least)
     seconds = followed_seconds(axes, seconds, machine.limits)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride
 from conflank_cli.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -30,14 +30,14 @@ LINK_STEP = 1.0
 """Poses of a link are held against the part this far apart, mm."""
 
 
-def away_directions(ride: Ride, projector: Projector, sense: int) -> Array:
+def away_directions(ride: Ride | PassRide, projector: Projector, sense: int) -> Array:
     """Unit directions away from the face and across the axis, at `AWAY_SAMPLES` places along the sweep, (M, 3).
 
-    From the face's nearest point to the axis at mid flute; where the axis runs through the surface there (no face is
-    so thin that a sweep does), the surface's normal on the cutter's side.
+    From the face's nearest point to the axis at the middle of what cuts; where the axis runs through the surface there
+    (no face is so thin that a sweep does), the surface's normal on the cutter's side.
     """
     tip, axis = ride.poses(np.linspace(0.0, 1.0, AWAY_SAMPLES))
-    middle = tip + 0.5 * ride.reach * axis
+    middle = tip + ride.contact[0] * axis
     # Projection happens in the CAD frame, where the surface is.
     foot = projector.project((middle - ride.frame.translation) @ ride.frame.rotation)
     normal = sense * ride.frame.directions(foot.normal)
@@ -80,7 +80,7 @@ class SafePlane:
     height: float
     clearance: float
 
-    def links(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+    def links(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Link]:
         """Ways from the safe plane down beside the first (or last) pose of a cut and to it, the best first.
 
         The way to the pose is a quarter circle: the cut is taken up as if it had begun earlier, so that feed and swing
@@ -94,20 +94,20 @@ class SafePlane:
                 yield self._arc(ride, after, away, share * self.clearance, float(lift))
         yield from self.straight(ride, after, away)
 
-    def straight(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+    def straight(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Link]:
         """The last of these: straight off the face, and the axis stands still."""
         for share in LINK_SHARES:
             for lift in np.radians(LINK_LIFTS_DEG):
                 yield self._straight(ride, after, away, share * self.clearance, float(lift))
 
-    def _arc(self, ride: Ride, after: bool, away: Array, radius: float, lift: float) -> Link:
+    def _arc(self, ride: Ride | PassRide, after: bool, away: Array, radius: float, lift: float) -> Link:
         angle = np.linspace(0.5 * np.pi, 0.0, ARC_BLOCKS + 1)
         tip, axis = ride.beyond(radius * np.sin(angle), after)
         off = np.cos(lift) * away + np.sin(lift) * axis[-1]
         tip = tip + radius * (1.0 - np.cos(angle))[:, None] * off
         return self._from_above(tip, axis)
 
-    def _straight(self, ride: Ride, after: bool, away: Array, distance: float, lift: float) -> Link:
+    def _straight(self, ride: Ride | PassRide, after: bool, away: Array, distance: float, lift: float) -> Link:
         tip, axis = ride.beyond(np.zeros(2), after)
         off = np.cos(lift) * away + np.sin(lift) * axis[0]
         return self._from_above(tip + np.array([[distance], [0.0]]) * off, axis)
@@ -117,7 +117,7 @@ class SafePlane:
         return Link(np.vstack([tip[:1] + height * axis[:1], tip]), np.vstack([axis[:1], axis]))
 
 
-def clearest(links: Iterable[Link], ride: Ride, screen: Screen, collider: Collider) -> Link:
+def clearest(links: Iterable[Link], ride: Ride | PassRide, screen: Screen, collider: Collider) -> Link:
     """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
 
     The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.
@@ -137,7 +137,7 @@ def clearest(links: Iterable[Link], ride: Ride, screen: Screen, collider: Collid
     return best
 
 
-def _in_cad(ride: Ride, tip: Array, axis: Array) -> tuple[Array, Array]:
+def _in_cad(ride: Ride | PassRide, tip: Array, axis: Array) -> tuple[Array, Array]:
     """Axis points at height 0 and directions in the CAD frame, of poses (N, 3) in that of the program."""
     p = (tip - ride.tool.tip_height * axis - ride.frame.translation) @ ride.frame.rotation
     return p, axis @ ride.frame.rotation

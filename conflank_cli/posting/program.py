@@ -1,4 +1,4 @@
-"""From sweeps to the neutral tool path and the text of the program."""
+"""From sweeps and passes to the neutral tool path and the text of the program."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.copies import over_copies
+from conflank_cli.ball_pass import Pass
+from conflank_cli.copies import Cut, over_copies
 from conflank_cli.errors import InputError
 from conflank_cli.formats import post_of, program_options
 from conflank_cli.geometry.collision import Collider
@@ -20,7 +21,7 @@ from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
 from conflank_cli.posting.feeds import block_feeds
 from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
 from conflank_cli.posting.mounting import axis_positions, mounting_of
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride
 from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -39,18 +40,20 @@ BLANK_RATIO = 150.0
 """Largest ratio of the blank's sides (the control refuses 200)."""
 
 
-def post_program(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[str, ToolPath]:
+def post_program(scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] = ()) -> tuple[str, ToolPath]:
     """The text of the program to run, and the tool path behind it.
 
     Raises
     ------
     InputError: the control or the machine could not execute it.
     """
-    (program, *_), path = post_programs(scene, sweeps)
+    (program, *_), path = post_programs(scene, sweeps, passes)
     return program.text, path
 
 
-def post_programs(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[tuple[ProgramFile, ...], ToolPath]:
+def post_programs(
+    scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] = ()
+) -> tuple[tuple[ProgramFile, ...], ToolPath]:
     """The programs that the scene's job asks for, the one to run first, and the tool path behind them.
 
     Raises
@@ -61,7 +64,7 @@ def post_programs(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[tuple[ProgramF
     post = post_of(job)
     try:
         machine = machine_of(job)
-        path = _numbered(plan_to_toolpath(scene, sweeps, machine), job.program.tool_numbers)
+        path = _numbered(plan_to_toolpath(scene, sweeps, machine, passes), job.program.tool_numbers)
         check_travel(machine, visits_with_words(machine, path), mounting_of(job))
         return post.write(path, machine, program_options(job, post)), path
     except PostError as error:
@@ -79,22 +82,23 @@ def _numbered(path: ToolPath, numbers: Mapping[str, int]) -> ToolPath:
     return replace(path, operations=operations)
 
 
-def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) -> ToolPath:
-    """Turn sweeps into a tool path in program coordinates, in the given order.
+def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, passes: Sequence[Pass] = ()) -> ToolPath:
+    """Turn sweeps, and after them passes, into a tool path in program coordinates, in the given order.
 
     Parameters
     ----------
     scene: the job, its faces and tools.
-    sweeps: what to cut on each copy; without copies cut k of the path is sweeps[k - 1].
+    sweeps, passes: what to cut on each copy; without copies cut k of the path is sweeps[k - 1], and passes count on
+        from there.
     machine: its rotary words are one of the two interpolations that the spacing of blocks must bear.
 
     Raises
     ------
-    InputError: there is no sweep, or a sweep names a tool or a face that the scene does not have.
+    InputError: there is nothing to cut, or a cut names a tool or a face that the scene does not have.
     NumericalError: a sweep needs endlessly short blocks (it passes the machine's singular pose at an angle).
     PostError: an orientation is out of the machine's reach, or its axes cannot follow at any feed.
     """
-    if not sweeps:
+    if not sweeps and not passes:
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
     tools = {tool.name: tool for tool in scene.tools}
     frame = Frame.of(scene.job.setup)
@@ -108,16 +112,24 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
     pieces: list[_Piece] = []
-    for number, (sweep, rotation) in enumerate(over_copies(copies, sweeps), start=1):
-        if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
-            found = f"tool {sweep.tool}, face {sweep.face}"
-            raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
-        ride = Ride(sweep.motion, tools[sweep.tool], frame.turned(rotation))
-        projector, sense = projectors[sweep.face], scene.faces[sweep.face].sense
-        climbs = is_climb(ride, away_directions(ride, projector, sense))
-        if program.cutting != "both" and climbs != (program.cutting == "climb"):
-            ride = replace(ride, backwards=True)
-        for leg in legs_of(ride, machine, f"sweep {number}"):
+    cuts: list[Cut] = [*sweeps, *passes]
+    for number, (cut, rotation) in enumerate(over_copies(copies, cuts), start=1):
+        label = f"{'sweep' if isinstance(cut, Sweep) else 'pass'} {number}"
+        if cut.tool not in tools or not 0 <= cut.face < len(scene.faces):
+            found = f"tool {cut.tool}, face {cut.face}"
+            raise InputError(label, found, "a tool and a face of the scene", "Run the stages again.")
+        projector, sense = projectors[cut.face], scene.faces[cut.face].sense
+        tool, turned = tools[cut.tool], frame.turned(rotation)
+        ride: Ride | PassRide
+        if isinstance(cut, Sweep):
+            ride = Ride(cut.motion, tool, turned)
+            climbs = is_climb(ride, away_directions(ride, projector, sense))
+            if program.cutting != "both" and climbs != (program.cutting == "climb"):
+                ride = replace(ride, backwards=True)
+        else:
+            # A pass goes to and fro; only a sweep has one way round.
+            ride = PassRide.of(cut, tool, turned)
+        for leg in legs_of(ride, machine, label):
             away = away_directions(leg, projector, sense)
             pieces.append(_Piece(number, leg, away[0], away[-1]))
     plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
@@ -129,32 +141,32 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
         )
     )
     blank_low, blank_high = _blank(low, high)
-    faces = tuple(sorted({scene.faces[sweep.face].number for sweep in sweeps}))
+    faces = tuple(sorted({scene.faces[cut.face].number for cut in cuts}))
     return ToolPath(program.name, scene.part_name, faces, frame.text, blank_low, blank_high, operations)
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """As much of a sweep as can be run without unwinding a rotary axis, and which way is off the face at its ends."""
+    """As much of a cut as can be run without unwinding a rotary axis, and which way is off the face at its ends."""
 
     cut: int
-    ride: Ride
+    ride: Ride | PassRide
     away_in: Array
     away_out: Array
 
     @property
     def label(self) -> str:
-        return f"sweep {self.cut}"
+        return f"{self.ride.purpose.value} {self.cut}"
 
 
 def _with_links(
     pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, collider: Collider, machine: Machine, job: Job
 ) -> list[tuple[Stretch, Stretch, Stretch]]:
-    """Approach, sweep and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
+    """Approach, cut and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
     labels = [piece.label for piece in pieces]
     ways = [_ways(piece, plane, screen, collider, machine) for piece in pieces]
     rides = [piece.ride for piece in pieces]
-    # The last pose of a link is the first of the sweep, or the other way round.
+    # The last pose of a link is the first of the cut, or the other way round.
     times = space_blocks(rides, machine, labels, [(a.axis[:-1], b.axis[-2::-1]) for a, b in ways])
     poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
     tips = [np.vstack([a.tip[:-1], tip, b.tip[-2::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
@@ -176,7 +188,7 @@ def _with_links(
         stretches.append(
             (
                 Stretch(Purpose.APPROACH, piece.cut, tip[ends[0]], axis[ends[0]], feed[ends[0]]),
-                Stretch(Purpose.SWEEP, piece.cut, tip[ends[1]], axis[ends[1]], sweep_feed),
+                Stretch(ride.purpose, piece.cut, tip[ends[1]], axis[ends[1]], sweep_feed),
                 Stretch(Purpose.RETRACT, piece.cut, tip[ends[2]], axis[ends[2]], back_feed),
             )
         )

@@ -1,4 +1,4 @@
-"""The exact poses of one sweep in the program's frame."""
+"""The exact poses of one sweep or pass in the program's frame."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.ball_pass import Pass
 from conflank_cli.machine_frame import Frame
 from conflank_cli.motion import Motion
 from conflank_cli.tool import Tool
+from postprocessors.toolpath import Purpose
 
 Array = npt.NDArray[np.float64]
+
+SAMPLES_PER_SPAN = 16
+"""Samples of a motion for each knot span, from which the spacing is planned: its second derivative is linear there."""
+SAMPLES_AT_LEAST = 129
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +38,25 @@ class Ride:
     backwards: bool = False
 
     @property
+    def purpose(self) -> Purpose:
+        """What it is in a tool path."""
+        return Purpose.SWEEP
+
+    @property
     def reach(self) -> float:
         """Height of the plane of r_max above the tip, mm."""
         return self.tool.length - self.tool.tip_height
+
+    @property
+    def contact(self) -> tuple[float, float]:
+        """Heights above the tip, mm, of the middle and of the upper end of what cuts."""
+        return 0.5 * self.reach, self.reach
+
+    @property
+    def times(self) -> Array:
+        """Times that stand for the whole motion, t in [0, 1]."""
+        spans = len(np.unique(self.motion.knots)) - 1
+        return np.linspace(0.0, 1.0, max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1))
 
     def poses(self, t: npt.ArrayLike) -> tuple[Array, Array]:
         """Tip points and axes at t (N,), each (N, 3); t always runs in cutting direction."""
@@ -69,3 +91,78 @@ class Ride:
         # |pq| differs from the tool's length by up to a micrometre; anchoring the middle halves what each end sees.
         tip = 0.5 * (p + q) + (self.tool.tip_height - 0.5 * self.tool.length) * axis
         return self.frame.points(tip), self.frame.directions(axis)
+
+
+@dataclass(frozen=True, slots=True)
+class PassRide:
+    """The exact poses of one pass in the program's frame: from pose to pose the tip goes straight, the axis swings.
+
+    Attributes
+    ----------
+    tip, axis: the poses, (N, 3) each, mm and unit.
+    tool: the cutter.
+    frame: the program's frame.
+    """
+
+    tip: Array
+    axis: Array
+    tool: Tool
+    frame: Frame
+
+    @classmethod
+    def of(cls, item: Pass, tool: Tool, frame: Frame) -> PassRide:
+        """The ride of a pass."""
+        return cls(frame.points(item.tip), frame.directions(item.axis), tool, frame)
+
+    @property
+    def purpose(self) -> Purpose:
+        """What it is in a tool path."""
+        return Purpose.PASS
+
+    @property
+    def reach(self) -> float:
+        """Height of the plane of r_max above the tip, mm."""
+        return self.tool.length - self.tool.tip_height
+
+    @property
+    def contact(self) -> tuple[float, float]:
+        """Heights above the tip, mm, of the middle and of the upper end of what cuts: the ball, at its centre."""
+        return self.tool.ball_radius, self.tool.ball_radius
+
+    @property
+    def times(self) -> Array:
+        """Times of the pass's own poses, t in [0, 1]."""
+        return np.linspace(0.0, 1.0, len(self.tip))
+
+    def poses(self, t: npt.ArrayLike) -> tuple[Array, Array]:
+        """Tip points and axes at t (N,), each (N, 3)."""
+        place = np.asarray(t, dtype=np.float64) * (len(self.tip) - 1)
+        first = np.clip(place.astype(np.int64), 0, len(self.tip) - 2)
+        share = (place - first)[:, None]
+        tip = self.tip[first] + share * (self.tip[first + 1] - self.tip[first])
+        return tip, great_circle(self.axis[first], self.axis[first + 1], share)
+
+    def beyond(self, distance: Array, after: bool) -> tuple[Array, Array]:
+        """Tip points and axes, each (N, 3), as if the pass had begun earlier or gone on, without swing."""
+        way = np.diff(self.tip[-2:] if after else self.tip[1::-1], axis=0)[0]
+        way /= max(float(np.linalg.norm(way)), np.finfo(np.float64).tiny)
+        end = -1 if after else 0
+        return self.tip[end] + distance[:, None] * way, np.repeat(self.axis[end][None], len(distance), axis=0)
+
+    def between(self, start: float, end: float) -> PassRide:
+        """The part of it from t = start to t = end."""
+        inner = self.times[(self.times > start) & (self.times < end)]
+        tip, axis = self.poses(np.concatenate([[start], inner, [end]]))
+        return replace(self, tip=tip, axis=axis)
+
+
+def great_circle(start: Array, end: Array, share: Array) -> Array:
+    """Unit vectors at shares of the way from start to end on great circles; broadcast over (..., 3)."""
+    sine = np.linalg.norm(np.cross(start, end), axis=-1, keepdims=True)
+    angle = np.arctan2(sine, np.sum(start * end, axis=-1, keepdims=True))
+    # sin(x) / sin(angle) tends to x / angle, which sinc says without dividing by zero.
+    scale = np.sinc(angle / np.pi)
+    low, high = 1.0 - share, share
+    return np.asarray(
+        low * np.sinc(low * angle / np.pi) / scale * start + high * np.sinc(high * angle / np.pi) / scale * end
+    )

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.errors import NumericalError
-from conflank_cli.posting.ride import Ride
+from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from postprocessors.kinematics.two_rotary import Run, choose_words, forward, legs
 from postprocessors.machines.machine import Machine
 
@@ -24,9 +24,6 @@ POSTED_WITHIN = 5e-4
 CHORD_TOLERANCE = 3e-4
 """mm. With rounding to four decimals (0.09 µm of the tip, 0.06 µm by both angles at 50 mm) the posted axis stays within
 the 0.5 µm that posting may cost."""
-SAMPLES_PER_SPAN = 16
-"""Samples of a motion for each knot span, from which the spacing is planned: its second derivative is linear there."""
-SAMPLES_AT_LEAST = 129
 GRADING = 0.2
 """Share by which a block may be longer than the one beside it: where a motion has an inflection, blocks could be many
 times as long as beside it, and the control would have to change its pace."""
@@ -39,7 +36,7 @@ REFINEMENTS = 24
 
 
 def space_blocks(
-    rides: Sequence[Ride], machine: Machine, labels: Sequence[str], links: Sequence[tuple[Array, Array]]
+    rides: Sequence[Ride | PassRide], machine: Machine, labels: Sequence[str], links: Sequence[tuple[Array, Array]]
 ) -> list[Array]:
     """Times of the blocks of each ride, as few as hold `CHORD_TOLERANCE`, evenly loaded.
 
@@ -58,7 +55,7 @@ def space_blocks(
     ------
     NumericalError: blocks get endlessly short.
     """
-    times = [_planned_times(ride, machine, label) for ride, label in zip(rides, labels, strict=True)]
+    times = [_first_times(ride, machine, label) for ride, label in zip(rides, labels, strict=True)]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
         # The words of the whole program: which of two solutions a sweep gets may depend on its links and neighbours.
@@ -85,27 +82,26 @@ def space_blocks(
     )
 
 
-def legs_of(ride: Ride, machine: Machine, label: str) -> list[Ride]:
-    """The pieces in which the machine can run through a sweep, in order: one, unless a rotary axis has to unwind.
+def legs_of(ride: Ride | PassRide, machine: Machine, label: str) -> Sequence[Ride | PassRide]:
+    """The pieces in which the machine can run through a cut, in order: one, unless a rotary axis has to unwind.
 
     Raises
     ------
     PostError: an orientation is out of the machine's reach.
     """
-    t = _samples(ride)
+    t = ride.times
     pieces = legs(machine, Run(label, planned_axes(ride)))
     return [ride.between(float(t[first]), float(t[last])) for first, last in pieces]
 
 
-def planned_axes(ride: Ride) -> Array:
+def planned_axes(ride: Ride | PassRide) -> Array:
     """Tool axes (N, 3) that stand for the whole of a ride."""
-    return ride.poses(_samples(ride))[1]
+    return ride.poses(ride.times)[1]
 
 
-def _samples(ride: Ride) -> Array:
-    """Times that stand for the whole motion."""
-    spans = len(np.unique(ride.motion.knots)) - 1
-    return np.linspace(0.0, 1.0, max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1))
+def _first_times(ride: Ride | PassRide, machine: Machine, label: str) -> Array:
+    """Times from which blocks are halved where they must be: a pass begins with its own poses."""
+    return ride.times if isinstance(ride, PassRide) else _planned_times(ride, machine, label)
 
 
 def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
@@ -113,7 +109,7 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
 
     `label` names the sweep in messages.
     """
-    t = _samples(ride)
+    t = ride.times
     count = len(t)
     tip, axis = ride.poses(t)
     words = choose_words(machine, [Run(label, axis)])[0]
@@ -146,7 +142,7 @@ def _graded(length: Array, t: Array) -> Array:
     return np.asarray(np.minimum(rising, falling))
 
 
-def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:
+def block_deviation(ride: Ride | PassRide, t: Array, words: Array, machine: Machine) -> Array:
     """Largest deviation (mm) of each block between t[i] and t[i + 1] from the exact motion, shape (N - 1,).
 
     Both interpolations of the axis, at `CHECKS_PER_BLOCK` places, at the tip and at the plane of r_max; between these
@@ -164,7 +160,7 @@ def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Arr
 
 
 def _deviation(
-    ride: Ride, tip: Array, axis: Array, words: Array, inner_tip: Array, inner_axis: Array, machine: Machine
+    ride: Ride | PassRide, tip: Array, axis: Array, words: Array, inner_tip: Array, inner_axis: Array, machine: Machine
 ) -> Array:
     """Deviation of N blocks from K exact poses within each, mm, (N,).
 
@@ -187,12 +183,7 @@ def _deviation(
         if rotary.range_deg is None:
             step[:, column] -= 360.0 * np.round(step[:, column] / 360.0)
     by_words = forward(machine, (words[:, None, 0] + share * step[:, None]).reshape(-1, 2)).reshape(count, places, 3)
-    sine = np.linalg.norm(np.cross(axis[:, 0], axis[:, 1]), axis=1)
-    angle = np.arctan2(sine, np.einsum("ni,ni->n", axis[:, 0], axis[:, 1]))[:, None, None]
-    # sin(x) / sin(angle) tends to x / angle, which sinc says without dividing by zero.
-    scale = np.sinc(angle / np.pi)
-    by_circle = (1.0 - share) * np.sinc((1.0 - share) * angle / np.pi) / scale * axis[:, None, 0]
-    by_circle += share * np.sinc(share * angle / np.pi) / scale * axis[:, None, 1]
+    by_circle = great_circle(axis[:, None, 0], axis[:, None, 1], share)
     worst = error_tip.max(axis=1)
     for axes in (by_words, by_circle):
         error_top = np.linalg.norm(tips - inner_tip + reach * (axes - inner_axis), axis=2)

@@ -17,11 +17,14 @@ from hypothesis.extra.numpy import arrays
 from conflank_cli.artifacts.npz import (
     KINDS,
     decode_artifact,
+    decode_contents,
     decode_coverage,
     encode_artifact,
     read_artifact,
+    read_plan,
     write_artifact,
 )
+from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.errors import InputError, NumericalError, UsageError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
@@ -128,6 +131,37 @@ def test_any_sweeps_come_back_and_bytes_repeat(sweeps: tuple[Sweep, ...]) -> Non
     assert kind == "motions"
     assert_same((scene, sweeps), (scene_again, again))
     assert encode_artifact("motions", scene_again, again, {}) == data
+
+
+def pass_of(count: int) -> Pass:
+    turn = np.linspace(0.0, 0.5, count)
+    axis = np.stack([np.sin(turn), np.zeros(count), np.cos(turn)], axis=1)
+    return Pass(0, "T1", np.linspace([0.0, 0.0, 1.0], [5.0, 0.0, 1.0], count), axis, {"length_mm": 5.0})
+
+
+def test_a_plan_keeps_its_passes(tmp_path: Path) -> None:
+    passes = (pass_of(2), pass_of(7))
+    write_artifact("plan", scene_of(), [sweep_of(5)], {}, tmp_path / "plan.npz", passes=passes)
+    again = read_plan(tmp_path / "plan.npz")
+    assert_same((again.sweeps, again.passes), ((sweep_of(5),), passes))
+    # What only wants the sweeps reads it as before, and a plan of before reads as one without passes.
+    assert_same(read_artifact(tmp_path / "plan.npz", "plan")[1], (sweep_of(5),))
+    assert decode_contents(PLAN, "plan.npz").passes == ()
+    assert "passes" not in json.loads(np.load(io.BytesIO(PLAN))["meta"].tobytes())
+
+
+@pytest.mark.parametrize("drop", ["pass_tip", "pass_axis", "pass_offsets"])
+def test_passes_without_their_arrays_are_refused(drop: str) -> None:
+    data = encode_artifact("plan", scene_of(), [], {}, passes=[pass_of(3)])
+    with pytest.raises(InputError, match=drop):
+        decode_contents(altered(data, drop=drop), "plan.npz")
+
+
+def test_axes_of_passes_that_are_no_unit_vectors_are_refused() -> None:
+    item = pass_of(3)
+    long = Pass(item.face, item.tool, item.tip, 2.0 * item.axis)
+    with pytest.raises(InputError, match="contradict"):
+        decode_contents(encode_artifact("plan", scene_of(), [], {}, passes=[long]), "plan.npz")
 
 
 def test_numpy_alone_reads_it() -> None:
