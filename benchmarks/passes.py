@@ -110,16 +110,15 @@ def cutting_minutes(found: Verification) -> tuple[float, float]:
 
 def report(console: Console, title: str, outcomes: dict[str, Outcome]) -> None:
     printed = table(
-        title, "case", "sweeps", "flank %", "passes", "both %", "step um", "overcut um", "stock um",
-        "sweeps min", "passes min", "ball alone min", "ball alone %", "CPU s",
+        title, "case", "sweeps", "%", "min", "passes", "both %", "min", "step", "overcut", "stock um",
+        "ball min", "ball %", "CPU s",
     )  # fmt: skip
     for name, found in outcomes.items():
         both, (sweeps, passes), alone = found.both, cutting_minutes(found.both), cutting_minutes(found.ball)[1]
         printed.add_row(
-            name, str(len(both.sweeps)), f"{100.0 * both.coverage_flank:.2f}", str(len(both.passes)),
-            f"{100.0 * both.coverage:.2f}", _figure(both.step_max_um), f"{both.overcut_max_um:.1f}",
-            _figure(both.stock_max_um), f"{sweeps:.2f}", f"{passes:.2f}", f"{alone:.2f}",
-            f"{100.0 * found.ball.coverage:.2f}", f"{found.seconds:.1f}",
+            name, str(len(both.sweeps)), f"{100.0 * both.coverage_flank:.2f}", f"{sweeps:.2f}", str(len(both.passes)),
+            f"{100.0 * both.coverage:.2f}", f"{passes:.2f}", _figure(both.step_max_um), f"{both.overcut_max_um:.1f}",
+            _figure(both.stock_max_um), f"{alone:.2f}", f"{100.0 * found.ball.coverage:.2f}", f"{found.seconds:.1f}",
         )  # fmt: skip
     console.print(printed)
     for name, found in outcomes.items():

@@ -12,9 +12,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import cKDTree
 
 from conflank_cli.ball_pass import Pass
-from conflank_cli.geometry.collision import Collider
+from conflank_cli.geometry.collision import FINE, Collider
 from conflank_cli.geometry.workface import WorkFace
-from conflank_cli.passes.axes import Axes, free_poses
+from conflank_cli.passes.axes import Axes
 from conflank_cli.passes.path import Path, path_of
 from conflank_cli.passes.region import Grid
 from conflank_cli.passes.scallop import POSTING, Aim, line_distance
@@ -110,7 +110,7 @@ class _FaceJob:
         cut = grid.distance(needed) < overlap
         room = max(self.over - POSTING + self.aim.contact - allowance, 0.0)
         sink = grid.sink(swept, cut, self.aim.height, OWN_STEP_SHARE * limit, room)
-        touch = max(self.aim.contact - float(sink.max()) - TOUCH, allowance - self.over)
+        touch = max(self.aim.contact - float(sink.max()) - TOUCH, allowance - self.over - FINE)
         collider = _touching(self.collider, touch)
         passes: list[Pass] = []
         gap = swept
@@ -156,22 +156,21 @@ class _FaceJob:
         return passes
 
     def _cut(self, path: Path, axis: Array, free: Flags, collider: Collider) -> list[Pass]:
-        """What is free of a path, in pieces: the way from one to the next would be long or hit something."""
+        """What is free of a path, between its poses too: in pieces where the rest is long or the way over it hits."""
         kept = np.flatnonzero(free)
-        if len(kept) < 2:
-            return []
         centre, axis = path.centre[kept], axis[kept]
-        skipped = np.diff(kept) > 1
         apart = np.linalg.norm(np.diff(centre, axis=0), axis=1)
-        cut = skipped & (apart > BRIDGE)
-        for k in np.flatnonzero(skipped & ~cut):
-            share = np.linspace(0.0, 1.0, int(apart[k] / TRACK) + 3)[1:-1, None]
-            between = axis[k] + share * (axis[k + 1] - axis[k])
-            between /= np.linalg.norm(between, axis=1, keepdims=True)
-            ways = centre[k] + share * (centre[k + 1] - centre[k])
-            cut[k] = not free_poses(collider, self.tool, ways, between).all()
-        pieces = np.split(np.arange(len(kept)), np.flatnonzero(cut) + 1)
-        return [self._pass(centre[piece], axis[piece]) for piece in pieces if len(piece) > 1]
+        cuts = np.flatnonzero((np.diff(kept) > 1) & (apart > BRIDGE))
+        passes = []
+        for piece in np.split(np.arange(len(kept)), cuts + 1):
+            if len(piece) < 2:
+                continue
+            p = centre[piece] - self.tool.ball_centre_height * axis[piece]
+            for start, end in collider.path(p, axis[piece], self.tool).free:
+                whole = piece[int(np.ceil(start)) : int(end) + 1]
+                if len(whole) > 1:
+                    passes.append(self._pass(centre[whole], axis[whole]))
+        return passes
 
     def _pass(self, centre: Array, axis: Array) -> Pass:
         length = float(np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
