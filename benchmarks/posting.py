@@ -118,9 +118,12 @@ def measure_round_trip() -> tuple[list[Verdict], dict[str, Any]]:
         printed.add_row(name, f"{POSES:,}", f"{count:,}", f"{errors[0]:.1e}", f"{errors[1]:.3f}", f"{errors[2]:.3f}")
     CONSOLE.print(printed)
     return [
-        Verdict(f"{POSES:,} random poses, tip", f"<= {TIP_UM} um", f"{worst[1]:.3f} um", worst[1] <= TIP_UM),
+        Verdict(f"{POSES:,} random poses, tip", f"<= {TIP_UM} um", f"{worst[1]:.3f} um", bool(worst[1] <= TIP_UM)),
         Verdict(
-            f"the same, {FLUTE:g} mm above the tip", f"<= {FLUTE_UM} um", f"{worst[2]:.3f} um", worst[2] <= FLUTE_UM
+            f"the same, {FLUTE:g} mm above the tip",
+            f"<= {FLUTE_UM} um",
+            f"{worst[2]:.3f} um",
+            bool(worst[2] <= FLUTE_UM),
         ),
     ], figures
 
@@ -247,8 +250,10 @@ def measure_blocks() -> tuple[list[Verdict], dict[str, Any]]:
         " block asks for at its feed, at most; gap: change by posting at any point within 0.5 mm, both interpolations"
     )
     return [
-        Verdict("change of the swept gap by posting", f"<= {GAP_UM} um", f"{worst_gap:.3f} um", worst_gap <= GAP_UM),
-        Verdict("rotary speed asked for", "<= 100 %", f"{100.0 * worst_load:.1f} %", worst_load <= 1.0),
+        Verdict(
+            "change of the swept gap by posting", f"<= {GAP_UM} um", f"{worst_gap:.3f} um", bool(worst_gap <= GAP_UM)
+        ),
+        Verdict("rotary speed asked for", "<= 100 %", f"{100.0 * worst_load:.1f} %", bool(worst_load <= 1.0)),
         Verdict("blocks, and for uniform spacing", "", f"{blocks_in_all} and {uniform_in_all}", True),
         Verdict("lengths of neighbouring blocks", "", f"ratio {worst_step:.2f} at most", True),
     ], figures
@@ -309,10 +314,10 @@ def measure_machines() -> tuple[list[Verdict], dict[str, Any]]:
         )  # fmt: skip
         # Words are printed with four decimals; a speed to the last digit of a word is that speed.
         verdicts.append(
-            Verdict(f"{machine_name}: rotary speed", "<= 100 %", f"{100.0 * load:.2f} %", load <= 1.0 + 1e-9)
+            Verdict(f"{machine_name}: rotary speed", "<= 100 %", f"{100.0 * load:.2f} %", bool(load <= 1.0 + 1e-9))
         )
         verdicts.append(
-            Verdict(f"{machine_name}: words beyond range", "none", f"{max(beyond, 0.0):.1e}", beyond <= 1e-7)
+            Verdict(f"{machine_name}: words beyond range", "none", f"{max(beyond, 0.0):.1e}", bool(beyond <= 1e-7))
         )
     CONSOLE.print(printed)
     return verdicts, figures
@@ -347,7 +352,10 @@ def measure_time() -> tuple[list[Verdict], dict[str, Any]]:
     found = f"{100.0 * worst:.2f} %"
     return [
         Verdict(
-            "predicted time of a cut beside steps of 0.1 ms", f"<= {100.0 * TIME_SHARE} %", found, worst <= TIME_SHARE
+            "predicted time of a cut beside steps of 0.1 ms",
+            f"<= {100.0 * TIME_SHARE} %",
+            found,
+            bool(worst <= TIME_SHARE),
         )
     ], figures
 
