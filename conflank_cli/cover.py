@@ -54,10 +54,23 @@ def greedy_cover(
 
     Sets that later choices made superfluous are taken out again. Does not promise the fewest sets.
     """
+    return _greedy(covers, covers.astype(np.float64), areas, errors, target, least, first, prices)
+
+
+def _greedy(
+    covers: BoolArray,
+    counts: Array,
+    areas: Array,
+    errors: Array,
+    target: float,
+    least: float,
+    first: int | None,
+    prices: Array | None,
+) -> list[int]:
+    """The same with the covers as numbers too, which takes longer to make than to use."""
     total = areas.sum()
     chosen: list[int] = []
     left = areas.copy()
-    counts = covers.astype(np.float64)
     while len(chosen) < len(covers) and left.sum() > (1.0 - target) * total:
         gains = counts @ left
         gains[gains < least * total] = 0.0
@@ -70,7 +83,7 @@ def greedy_cover(
         chosen.append(best)
         left[covers[best]] = 0.0
     reached = areas[covers[chosen].any(axis=0)].sum() if chosen else 0.0
-    for k in sorted(chosen, key=lambda k: float(covers[k] @ areas)):
+    for k in sorted(chosen, key=lambda k: float(counts[k] @ areas)):
         rest = [other for other in chosen if other != k]
         if rest and areas[covers[rest].any(axis=0)].sum() >= min(reached, target * total):
             chosen = rest
@@ -83,13 +96,14 @@ def fewest_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
     A cover that reaches the target goes before one that does not, then the fewer sets, then the larger area. Never
     worse than `greedy_cover`, whose arguments it takes. Does not promise the fewest sets of all.
     """
-    greedy = greedy_cover(covers, areas, errors, target, least)
+    counts = covers.astype(np.float64)
+    greedy = _greedy(covers, counts, areas, errors, target, least, None, None)
     if not greedy:
         return greedy
-    sizes = covers @ areas
+    sizes = counts @ areas
     starts = np.argsort(-sizes, kind="stable")[:STARTS]
     starts = starts[sizes[starts] > 0.0]
-    candidates = [greedy, *(greedy_cover(covers, areas, errors, target, least, int(k)) for k in starts)]
+    candidates = [greedy, *(_greedy(covers, counts, areas, errors, target, least, int(k), None) for k in starts)]
 
     def merit(chosen: list[int]) -> tuple[bool, float, float]:
         area = share_covered(covers, areas, chosen)

@@ -207,6 +207,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             target = job.selection.coverage
             certificates: dict[Candidate, Certificate] = {}
             cleared: set[Candidate] = set()
+            lifts: dict[Candidate, int] = {}
             gaps: dict[Candidate, Array] = {}
             end = time.monotonic() + SECONDS
             raises, exact = 0, False
@@ -229,10 +230,13 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
                 if gouging:
                     own = [item for item in own if item not in gouging]
                     for item in gouging:
-                        instead = raised(item.sweep, certificates[item].overcut - over)
+                        instead = None
+                        if lifts.get(item, 0) < LIFTS:
+                            instead = raised(item.sweep, certificates[item].overcut - over)
                         if instead is None:
                             cut_off.append((item.sweep, None, [replace(item.sweep)]))
                         else:
+                            lifts[instead] = lifts.get(item, 0) + 1
                             own.append(instead)
                     continue
                 if not exact:

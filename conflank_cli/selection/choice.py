@@ -128,7 +128,7 @@ def choose(
     target: share of the area to cover. Where no greedy cover reaches it with sweeps that each add `LEAST_GAIN`, what it
         reaches is the goal.
     seconds: time limit of the exact cover.
-    exact: without it the best of the greedy covers is taken.
+    exact: without it the greedy cover is taken.
     """
     covers = np.array([item.covered for item in items]).reshape(len(items), len(areas))
     own = np.flatnonzero(covers @ areas >= LEAST_GAIN * areas.sum())
@@ -145,8 +145,10 @@ def choose(
     price = Price(times, tools, TOOL_CHANGE_SECONDS * change) if timed else Price.count(len(items))
 
     first = greedy_cover(covers, areas, errors, target, LEAST_GAIN, prices=times if timed else None)
-    starts = [first, fewest_cover(covers, areas, errors, target, LEAST_GAIN)]
-    if timed:
+    starts = [first]
+    if exact:
+        starts.append(fewest_cover(covers, areas, errors, target, LEAST_GAIN))
+    if timed and exact:
         # The quickest with one tool alone, too: a greedy choice does not see what a change costs later.
         for row in tools:
             index = np.flatnonzero(row)
