@@ -30,6 +30,8 @@ bench: setup
 	$(BIN)/python -m benchmarks.optimization --json benchmarks/results/optimization.json
 	$(BIN)/python -m benchmarks.certificate
 	$(BIN)/python -m benchmarks.selection
+	$(BIN)/python -m benchmarks.posting
+	$(BIN)/python -m benchmarks.posts
 	$(BIN)/python -m benchmarks.dnc
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the

@@ -68,20 +68,35 @@ NO_MACHINE = """
 name = "no-limits"
 max_feed_mm_min = 10000.0
 block_time_ms = 1.0
-[travel_mm]
-x = [-10000.0, 10000.0]
-y = [-10000.0, 10000.0]
-z = [-10000.0, 10000.0]
+[linear.x]
+travel_mm = [-10000.0, 10000.0]
+max_speed_mm_min = 30000.0
+max_acceleration_mm_s2 = 3000.0
+max_jerk_mm_s3 = 60000.0
+[linear.y]
+travel_mm = [-10000.0, 10000.0]
+max_speed_mm_min = 30000.0
+max_acceleration_mm_s2 = 3000.0
+max_jerk_mm_s3 = 60000.0
+[linear.z]
+travel_mm = [-10000.0, 10000.0]
+max_speed_mm_min = 30000.0
+max_acceleration_mm_s2 = 3000.0
+max_jerk_mm_s3 = 60000.0
 [[rotary]]
 letter = "C"
 vector = [0.0, 0.0, 1.0]
 carried_by = "table"
 max_speed_deg_min = 10000.0
+max_acceleration_deg_s2 = 500.0
+max_jerk_deg_s3 = 10000.0
 [[rotary]]
 letter = "A"
 vector = [1.0, 0.0, 0.0]
 carried_by = "table"
 max_speed_deg_min = 10000.0
+max_acceleration_deg_s2 = 500.0
+max_jerk_deg_s3 = 10000.0
 """
 NOTHING = CheckMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32))
 

@@ -340,7 +340,7 @@ def recover(case: EnvelopeCase, rng: np.random.Generator) -> tuple[Recovered, Co
     start = disturbed(case, rng)
     seconds = time.thread_time()
     first = task.first(start)
-    motion = task.refined(first, start).motion
+    motion = task.grown(task.refined(first, start), start).motion
     seconds = time.thread_time() - seconds
     samples = task.face.samples(task.face.spacing(PATCH_POINTS))
     gaps = [
@@ -667,7 +667,7 @@ def timing(console: Console, runs: int) -> tuple[list[Verdict], dict[str, Any]]:
         minimise(task.face, task.tool, motion, task.limits, task.weights, SAMPLES, steps)
 
     def everything(motion: Motion) -> None:
-        task.refined(task.first(motion), motion)
+        task.grown(task.refined(task.first(motion), motion), motion)
 
     works: dict[str, Callable[[Motion], None]] = {"paper": paper, "all": everything}
     each, pooled = {}, {}

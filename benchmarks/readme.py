@@ -198,7 +198,8 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.gauss_newton", "OFF_FACE", "weight of samples off the face"),
     ("optimization.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
     ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
-    ("optimization", "REFINED", "sweeps of a face and tool that are refined and grown, about"),
+    ("optimization", "REFINED", "sweeps of a face and tool that are refined, about"),
+    ("optimization", "GROWN", "sweeps of those that are grown, about"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
     (
         "optimization.task",
@@ -209,7 +210,7 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.envelope_polish", "FAIR", "factor on μ₂ and μ₅ there"),
     ("optimization.envelope_polish", "STIFF", "factor on μ₄ there"),
     ("selection.choice", "LEAST_GAIN", "share of the area that a sweep must add"),
-    ("posting", "CHORD_TOLERANCE", "mm between a block and the exact motion"),
+    ("posting.spacing", "CHORD_TOLERANCE", "mm between a block and the exact motion"),
     ("verification.sampling", "POINTS_PER_FACE", "points at which a face is judged"),
     ("verification.poses", "CELL_LENGTH", "mm, longest cell of the motion"),
 )

@@ -28,6 +28,7 @@ COMMANDS = {
     "select": "conflank_cli.commands.select:select",
     "post": "conflank_cli.commands.post:post",
     "verify": "conflank_cli.commands.verify:verify",
+    "machines": "conflank_cli.commands.machines:machines",
     "dnc": "conflank_cli.commands.dnc:dnc",
     "run": "conflank_cli.commands.run:run",
 }

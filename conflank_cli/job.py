@@ -13,6 +13,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -217,15 +218,18 @@ class Setup(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Machine(Struct, frozen=True, forbid_unknown_fields=True):
-    """The machine: a shipped example by name, or a TOML file beside the job file.
+    """The machine: a shipped example by name, or a TOML file beside the job file; and how part and tools sit on it.
 
     definition is the text of that file. It is no key of the job file: `load_job` fills it in, so that a later stage
-    needs no other file.
+    needs no other file. zero is the program's datum in machine coordinates with all rotary axes at 0, gauge_length the
+    length from tip to spindle nose by tool, mm; without them travels cannot be checked pose by pose.
     """
 
     name: str = "ac-table"
     file: str | None = None
     definition: str | None = None
+    zero: tuple[float, float, float] | None = None
+    gauge_length: dict[str, Positive] = {}
 
 
 class Safe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -242,13 +246,22 @@ class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Program(Struct, frozen=True, forbid_unknown_fields=True):
-    """The program: name on the control, format, style, datum number, cutting direction, retracts, coolant."""
+    """The program: name on the control, format, style, split, datum, cutting direction, feed, retracts, coolant.
+
+    format is that of an installed post, style one of its styles (None: its first), options are of the post's own.
+    datum is the number of a preset, or a shift (x, y, z) of the datum. tool_numbers are numbers on the machine by name
+    of tool; empty: those of the tools' definitions.
+    """
 
     name: ProgramName = "BLADE1"
-    format: Literal["h", "i", "apt"] = "h"
-    style: Literal["tcpm", "m128", "ln"] = "tcpm"
-    datum: Index = 1
+    format: Annotated[str, _SOME] = "h"
+    style: str | None = "tcpm"
+    split: Literal["none", "sweep", "tool"] = "none"
+    datum: Index | tuple[float, float, float] = 1
+    tool_numbers: dict[str, Annotated[int, _TOOL_NUMBER]] = {}
+    options: dict[str, str] = {}
     cutting: Literal["climb", "conventional", "both"] = "climb"
+    feed: Literal["contact", "tip"] = "contact"
     safe: Safe = Safe()
     coolant: Literal["M7", "M8", "none"] = "M8"
     cycle32: Cycle32 = Cycle32()
@@ -292,8 +305,6 @@ def _unless(value: object, off: object) -> str | None:
 
 NOT_YET: tuple[NotYet, ...] = (
     NotYet("[selection] ball_passes.enabled", lambda job: _unless(job.selection.ball_passes.enabled, False), "false"),
-    NotYet("[program] format", lambda job: _unless(job.program.format, "h"), '"h"'),
-    NotYet("[program] style", lambda job: _unless(job.program.style, "tcpm"), '"tcpm"'),
 )
 """Capabilities that this version does not have. Delete a line here together with building what it names."""
 
@@ -331,8 +342,12 @@ def parse_job(data: bytes, where: str, folder: Path) -> Job:
     job = _convert(tables, where)
     _check_limits(job, Job, where, ())
     _check_meaning(job, where, machine if isinstance(machine, dict) else {})
+    program = tables.get("program", {})
+    if "format" in program and "style" not in program:
+        # Each format has styles of its own.
+        job = msgspec.structs.replace(job, program=msgspec.structs.replace(job.program, style=None))
     if job.machine.file is not None:
-        job = msgspec.structs.replace(job, machine=_embed_machine(job.machine.file, where, folder))
+        job = msgspec.structs.replace(job, machine=_embed_machine(job.machine, job.machine.file, where, folder))
     return job
 
 
@@ -348,7 +363,7 @@ def job_from_builtins(data: object, where: str) -> Job:
     return job
 
 
-def _embed_machine(name: str, where: str, folder: Path) -> Machine:
+def _embed_machine(machine: Machine, name: str, where: str, folder: Path) -> Machine:
     """The machine with the text of its file, so that artifacts stand alone."""
     try:
         text = (folder / name).read_text("utf-8")
@@ -359,7 +374,7 @@ def _embed_machine(name: str, where: str, folder: Path) -> Machine:
             "a machine file in TOML, relative to the job file",
             "Check the name, or name a shipped machine with [machine] name.",
         ) from None
-    return Machine(name=Path(name).stem, file=name, definition=text)
+    return msgspec.structs.replace(machine, name=Path(name).stem, definition=text)
 
 
 # --- keys and types -------------------------------------------------------------------------------------------------
@@ -468,12 +483,17 @@ def _out_of_limits(value: object, expected: str, where: str, keys: Keys) -> Inpu
 
 def _convert(tables: Mapping[str, Any], where: str) -> Job:
     """Tables to the job; a message of the schema becomes one with place, found and expected."""
-    # msgspec does not say which tool of [tools.define] it speaks of, so each is tried by itself first.
+    # msgspec does not say which key of a table with free names it speaks of, so each is tried by itself first.
     tools = tables.get("tools")
     define = tools.get("define") if isinstance(tools, dict) else None
     if isinstance(define, dict):
         for name, table in define.items():
             _convert_one(table, ToolDefinition, where, ("tools", "define", name))
+    machine = tables.get("machine")
+    lengths = machine.get("gauge_length") if isinstance(machine, dict) else None
+    if isinstance(lengths, dict):
+        for name, length in lengths.items():
+            _convert_one(length, float, where, ("machine", "gauge_length", name))
     job: Job = _convert_one(tables, Job, where, ())
     return job
 
@@ -489,7 +509,12 @@ def _schema_error(message: str, value: Any, kind: Any, where: str, prefix: Keys)
     """Translate `Expected ..., got ... - at `$.a.b[0]``."""
     reason, _, path = message.partition(" - at `$")
     keys: list[str | int] = []
+    each = ""
     for token in path.rstrip("`").replace("[", ".[").split("."):
+        if token == "[":
+            # Some value of a table whose keys are the user's own: which one, msgspec does not say.
+            each = " for every key"
+            break
         if token.startswith("["):
             keys.append(int(token.strip("[]")))
         elif token:
@@ -503,7 +528,7 @@ def _schema_error(message: str, value: Any, kind: Any, where: str, prefix: Keys)
     for key in keys:
         found = found[key]
         hint = _step(hint, key)
-    return _out_of_limits(found, _expectation(reason, hint), where, (*prefix, *keys))
+    return _out_of_limits(found, _expectation(reason, hint) + each, where, (*prefix, *keys))
 
 
 def _step(kind: object, key: str | int) -> Any:
@@ -586,6 +611,14 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
             "a tool of [tools] use: " + ", ".join(job.tools.use),
             "Add it to [tools] use, or name another.",
         )
+    for name in job.machine.gauge_length:
+        if name not in job.tools.use:
+            raise InputError(
+                f"{where}: [machine] gauge_length.{name}",
+                repr(name),
+                "a tool of [tools] use: " + ", ".join(job.tools.use),
+                "Correct the name.",
+            )
     copies = job.setup.copies
     if not any(copies.axis):
         raise InputError(f"{where}: [setup] copies.axis", "[0, 0, 0]", "a direction", "Use [0, 0, 1] for Z.")
@@ -598,6 +631,15 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
         )
     if not copies.order:
         raise InputError(f"{where}: [setup] copies.only", "[]", "at least one copy", "Leave it out for all copies.")
+    formats = sorted({entry.name for entry in entry_points(group="conflank.postprocessors")})
+    if job.program.format not in formats:
+        raise InputError(
+            f"{where}: [program] format",
+            repr(job.program.format),
+            "one of " + ", ".join(repr(name) for name in formats),
+            "Name one of these, or install the package that brings its post.",
+        )
+    _check_tool_numbers(job, where)
     if "name" in machine and "file" in machine:
         raise InputError(
             f"{where}: [machine]", "both name and file", "one of them", "Remove name to use your own machine file."
@@ -610,6 +652,32 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
                 found,
                 f"{capability.off} (this version of conflank can do no other)",
                 "Leave the key out.",
+            )
+
+
+def _check_tool_numbers(job: Job, where: str) -> None:
+    """Where the machine's tools are listed, every tool in use must be among them, under a number of its own."""
+    numbers, place = job.program.tool_numbers, f"{where}: [program] tool_numbers"
+    if not numbers:
+        return
+    for name in job.tools.use:
+        if name not in numbers:
+            raise InputError(
+                place, f"no number for {name}, which [tools] use names", "one for every tool in use", "Add it."
+            )
+    for name in numbers:
+        if name not in job.tools.use:
+            raise InputError(
+                place,
+                repr(name),
+                "tools of [tools] use: " + ", ".join(job.tools.use),
+                "Remove it, or correct the name.",
+            )
+    for name, number in numbers.items():
+        others = [other for other in numbers if other != name and numbers[other] == number]
+        if others:
+            raise InputError(
+                place, f"number {number} for {name} and {others[0]}", "one number for each tool", "Correct one of them."
             )
 
 

@@ -57,10 +57,24 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One tool and what it cuts, in order: each sweep or pass is APPROACH, SWEEP or PASS, RETRACT."""
+    """One tool and what it cuts, in order: each sweep or pass is APPROACH, SWEEP or PASS, RETRACT.
+
+    A cut that has to be left on the way, so that a rotary axis can unwind, is several such visits with the same number.
+    """
 
     cutter: Cutter
     stretches: tuple[Stretch, ...]
+
+
+def visits(operation: Operation) -> list[tuple[Stretch, ...]]:
+    """The stretches from each approach to its retract: what the tool does between two full retracts."""
+    found: list[list[Stretch]] = []
+    for stretch in operation.stretches:
+        last = found[-1][-1] if found else None
+        if last is None or last.purpose is Purpose.RETRACT or last.cut != stretch.cut:
+            found.append([])
+        found[-1].append(stretch)
+    return [tuple(stretches) for stretches in found]
 
 
 @dataclass(frozen=True, slots=True)

@@ -198,6 +198,73 @@ def test_a_later_stage_takes_what_is_downstream_of_it(finished: Path, tmp_path: 
     assert result.stdout_bytes == expected
 
 
+FORMATS = {
+    "m128": ("BLADE1.H", 'style = "m128"\ndatum = [10.0, -20.0, 5.5]\n'),
+    "ln": ("BLADE1.H", 'style = "ln"\noptions = {decimal = "comma"}\n'),
+    "iso": ("BLADE1.I", 'format = "i"\n'),
+    "apt": ("BLADE1.APT", 'format = "apt"\n'),
+    "number": ("BLADE1.H", "tool_numbers = {T1 = 12}\n"),
+    "split": ("BLADE1.H", 'split = "sweep"\n'),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_whatever_is_posted_is_proven(
+    name: str, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every format and style cuts what the tcpm program cuts, within what posting may change."""
+    monkeypatch.chdir(write_job(tmp_path, f"{JOB}[program]\n{FORMATS[name][1]}"))
+    file = FORMATS[name][0]
+    result = invoke("post", str(finished / "out" / "plan.npz"), "--job", "job.toml", "-o", file)
+    assert result.exit_code == 0, result.stderr
+    result = invoke("verify", file, "--job", "job.toml")
+    assert result.exit_code == 0, result.stderr
+    own, first = (
+        json.loads(path.read_bytes())
+        for path in (Path(f"{file}.verification.json"), finished / "out" / "BLADE1.H.verification.json")
+    )
+    for key in ("overcut_max_um", "stock_max_um"):
+        assert own[key] == pytest.approx(first[key], abs=0.5)
+    assert own["coverage"] == pytest.approx(first["coverage"], abs=0.01)
+    assert own["time_s"] == pytest.approx(first["time_s"], rel=0.01)
+
+
+def test_a_split_program_is_several_files(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(write_job(tmp_path, f'{JOB}[program]\nsplit = "tool"\n'))
+    plan = str(finished / "out" / "plan.npz")
+    result = invoke("post", plan, "--job", "job.toml")
+    assert result.exit_code == 2
+    assert_one_message(result.stderr, ["standard output", "several programs", "-o FILE"])
+    assert invoke("post", plan, "--job", "job.toml", "-o", "BLADE1_1.H").exit_code == 2
+    assert not [*tmp_path.glob("*.H")]
+    assert invoke("post", plan, "--job", "job.toml", "-o", "MAIN.H").exit_code == 0
+    assert sorted(path.name for path in tmp_path.glob("*.H")) == ["BLADE1_1.H", "MAIN.H"]
+    assert invoke("verify", "MAIN.H", "--job", "job.toml").exit_code == 0
+    # A part that was judged with the calling program may be sent, and so may that; not once a part is another.
+    profile = ["--profile", "itnc530-standard", "--port", "loop://"]
+    for program in ("MAIN.H", "BLADE1_1.H"):
+        assert invoke("dnc", "send", program, *profile).exit_code == 0
+    Path("BLADE1_1.H").write_bytes(Path("BLADE1_1.H").read_bytes().replace(b"F1000", b"F2000"))
+    for program in ("MAIN.H", "BLADE1_1.H"):
+        result = invoke("dnc", "send", program, *profile)
+        assert result.exit_code == 3, result.stderr
+    Path("BLADE1_1.H").unlink()
+    result = invoke("verify", "MAIN.H", "--job", "job.toml", "-o", "-")
+    assert result.exit_code == 1
+    findings = {finding["code"]: finding["text"] for finding in json.loads(result.stdout)["findings"]}
+    assert "there is no BLADE1_1.H beside the program" in findings["CF102"]
+
+
+def test_run_writes_all_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(write_job(tmp_path, f'{JOB}[program]\nsplit = "sweep"\nstyle = "ln"\n'))
+    result = invoke("run", "job.toml", "--out", "out", "--json")
+    assert result.exit_code == 0, result.stderr
+    done = json.loads(result.stdout)
+    assert sorted(done["files"]) == sorted(f"out/{name}" for name in [*FILES, "BLADE1_1.H"])
+    assert all(Path(name).is_file() for name in done["files"])
+    assert list(done["verification"]["called_sha256"]) == ["BLADE1_1.H"]
+
+
 def test_inspect_prints_parts_and_artifacts(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(finished)
     result = invoke("inspect", "blade.json")
@@ -303,7 +370,22 @@ BAD_JOBS = {
     "key unknown": (JOB + "[tolerance]\nover = 1\n", face_of(), "blade.json", 3, ["[tolerance] over", "overcut"]),
     "r_min > r_max": (JOB + MY.format(3, 2, 20), face_of(), "blade.json", 3, ["[tools.define.T1] r_min", "r_max = 2"]),
     "tool without length": (JOB + MY.format(1, 2, 0), face_of(), "blade.json", 3, ["[tools.define.T1] length"]),
-    "not yet": (JOB + '[program]\nformat = "i"\n', face_of(), "blade.json", 3, ["[program] format", "this version"]),
+    "not yet": (
+        JOB + '[program]\ncutting = "both"\n',
+        face_of(),
+        "blade.json",
+        3,
+        ["[program] cutting", "this version"],
+    ),
+    "format unknown": (JOB + '[program]\nformat = "nc"\n', face_of(), "blade.json", 3, ["[program] format", "'h'"]),
+    "style not in ISO": (
+        JOB + '[program]\nformat = "i"\nstyle = "ln"\n',
+        face_of(),
+        "blade.json",
+        3,
+        ["job.toml: [program] style", "'ln'", "no LN and no FUNCTION TCPM"],
+    ),
+    "tool missing": (JOB + "[program]\ntool_numbers = {T2 = 5}\n", face_of(), "blade.json", 3, ["no number for T1"]),
     "machine unknown": (JOB + '[machine]\nname = "mill"\n', face_of(), "blade.json", 3, ["mill", "ac-table"]),
 }
 

@@ -111,6 +111,11 @@ def test_three_keys_are_enough_and_defaults_are_those_of_the_contract() -> None:
     assert job.resolved_tools() == (CATALOGUE["T1"],)
 
 
+def test_a_format_without_a_style_leaves_the_style_to_the_post() -> None:
+    assert parse(LEAST + '[program]\nformat = "h"\n').program.style is None
+    assert parse(LEAST + '[program]\nstyle = "ln"\n').program.style == "ln"
+
+
 def test_the_whole_contract_is_read() -> None:
     job = parse(WHOLE)
     assert [design.face for design in job.part.design] == [0, "suction"]
@@ -164,6 +169,11 @@ BAD = [
     (LEAST + "[optimization]\nsamples = [100, 2]\n", "[optimization] samples[1]", "2", ">= 4"),
     (LEAST + "[selection]\ncoverage = 90\n", "[selection] coverage", "90", "<= 1"),
     (LEAST + '[selection]\nball_passes = {tool = "T2"}\n', "[selection] ball_passes.tool", "'T2'", "T1"),
+    (LEAST + "[machine]\ngauge_length = {T2 = 150.0}\n", "[machine] gauge_length.T2", "'T2'", "T1"),
+    (LEAST + '[machine]\ngauge_length = {T1 = "long"}\n', "[machine] gauge_length.T1", "'long'", "number"),
+    (LEAST + "[machine]\ngauge_length = {T1 = 0.0}\n", "[machine] gauge_length.T1", "0.0", "> 0"),
+    (LEAST + "[machine]\nzero = [1.0, 2.0]\n", "[machine] zero", "[1.0, 2.0]", "length 3"),
+    (LEAST + '[program]\nfeed = "middle"\n', "[program] feed", "'middle'", "contact"),
     (LEAST + "[setup]\ncopies = {count = 3, only = [3]}\n", "[setup] copies.only", "[3]", "0 to 2"),
     (LEAST + "[setup]\ncopies = {axis = [0, 0, 0]}\n", "[setup] copies.axis", "[0, 0, 0]", "direction"),
     (LEAST + '[machine]\nname = "a"\nfile = "b.toml"\n', "[machine]", "both", "one of them"),
@@ -171,6 +181,20 @@ BAD = [
     (LEAST + '[machine]\ndefinition = ""\n', "[machine] definition", "unknown key", "file"),
     (LEAST + '[program]\nname = "blade 1"\n', "[program] name", "blade 1", "A-Z"),
     (LEAST + '[program]\nformat = "nc"\n', "[program] format", "'nc'", "'h'"),
+    (LEAST + '[program]\nsplit = "cut"\n', "[program] split", "'cut'", "'sweep'"),
+    (LEAST + "[program]\ndatum = -1\n", "[program] datum", "-1", ">= 0"),
+    (LEAST + "[program]\ndatum = [1.0, 2.0]\n", "[program] datum", "[1.0, 2.0]", "length 3"),
+    (LEAST + "[program]\ndatum = [1.0, 2.0, nan]\n", "[program] datum", "nan", "finite"),
+    (LEAST + "[program]\ntool_numbers = {T2 = 5}\n", "[program] tool_numbers", "no number for T1", "in use"),
+    (LEAST + "[program]\ntool_numbers = {T1 = 1, T2 = 5}\n", "[program] tool_numbers", "'T2'", "T1"),
+    (LEAST + "[program]\ntool_numbers = {T1 = 40000}\n", "[program] tool_numbers", "40000", "32767"),
+    (
+        LEAST.replace('["T1"]', '["T1", "T2"]') + "[program]\ntool_numbers = {T1 = 4, T2 = 4}\n",
+        "[program] tool_numbers",
+        "number 4 for T1 and T2",
+        "one number",
+    ),
+    (LEAST + "[program]\noptions = {decimal = 3}\n", "[program] options", "a table", "text for every key"),
     (LEAST + "[program]\ncycle32 = {t = 0}\n", "[program] cycle32.t", "0", "> 0"),
     (LEAST + "[program]\ncycle32 = {tolerance = 1}\n", "[program] cycle32.tolerance", "unknown key", "t, ta"),
     (LEAST + '[program]\ncoolant = "M91"\n', "[program] coolant", "'M91'", "'M8'"),
@@ -220,8 +244,6 @@ def test_a_slip_of_the_pen_gets_a_suggestion() -> None:
 
 ON = {
     "[selection] ball_passes.enabled": "[selection]\nball_passes = {enabled = true}\n",
-    "[program] format": '[program]\nformat = "i"\n',
-    "[program] style": '[program]\nstyle = "ln"\n',
 }
 
 

@@ -24,11 +24,25 @@ DOWNSTREAM = {
 
 def read_job(source: str) -> tuple[Job, Path]:
     """A job and the folder its paths are relative to; from standard input that is the current folder."""
+    from msgspec.structs import replace as replace_struct
+
+    from conflank_cli.errors import InputError
+    from conflank_cli.formats import post_of
     from conflank_cli.job import load_job, parse_job
 
     if source == STANDARD:
-        return parse_job(sys.stdin.buffer.read(), "standard input", Path()), Path()
-    return load_job(source), Path(source).parent
+        job, folder = parse_job(sys.stdin.buffer.read(), "standard input", Path()), Path()
+    else:
+        job, folder = load_job(source), Path(source).parent
+    # A format or style that does not exist should not be found out after all the computing.
+    try:
+        post = post_of(job)
+    except InputError as error:
+        where = f"{'standard input' if source == STANDARD else Path(source).name}: {error.where}"
+        raise InputError(where, error.found, error.expected, error.next_step) from error
+    if job.program.style is None:
+        job = replace_struct(job, program=replace_struct(job.program, style=post.styles[0]))
+    return job, folder
 
 
 def files_of(source: str, job: Job, folder: Path) -> list[Path]:

@@ -18,7 +18,8 @@ from conflank_cli.options import Talk
 def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     """Run all stages of a job and verify the program.
 
-    Writes candidates.npz, motions.npz, plan.npz, NAME.H and NAME.H.verification.json into DIR, all of them or none.
+    Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts) and
+    NAME.H.verification.json into DIR, all of them or none.
     Exit code 1 means that the verification has findings, or that something forbids every sweep: then there is no
     program. --json prints the verification with the names of the files.
     """
@@ -29,20 +30,20 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.plan_map import summary_tables
-    from conflank_cli.commands.stages import run_detect, run_optimize, run_select, run_verify
-    from conflank_cli.commands.tables import judgement
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_post, run_select, run_verify
+    from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
+    from conflank_cli.formats import post_of
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_output, write_output
-    from conflank_cli.posting import post_program
-    from conflank_cli.verification.result import Verification
+    from conflank_cli.posting import summarize
 
     start = time.perf_counter()
     job, folder = read_job(job_file)
     inputs = files_of(job_file, job, folder)
     out = Path(folder_out)
-    program = f"{job.program.name}.{job.program.format.upper()}"
-    names = ["candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json"]
+    program = job.program.name + post_of(job).suffix
+    names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json")
     if out.exists():
         if not out.is_dir():
             raise UsageError(f"--out {out}", "a file", "a folder", "Name another.")
@@ -55,31 +56,28 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary, coverage = run_select(scene, motions, talk)
-    contents: list[bytes | str] = [
-        encode_artifact("candidates", scene, candidates, candidates_summary),
-        encode_artifact("motions", scene, motions, motions_summary),
-        encode_artifact("plan", scene, plan, plan_summary, coverage),
-    ]
-    verification: Verification | None = None
+    contents: dict[str, bytes | str] = {
+        "candidates.npz": encode_artifact("candidates", scene, candidates, candidates_summary),
+        "motions.npz": encode_artifact("motions", scene, motions, motions_summary),
+        "plan.npz": encode_artifact("plan", scene, plan, plan_summary, coverage),
+    }
+    verification, said = None, summary_tables(plan_summary) + "\nno program    something forbids every sweep"
     if plan:
-        with talk.timed("post"):
-            text, _ = post_program(scene, plan)
-        verification = run_verify(text.encode("ascii"), program, scene, talk)
-        contents += [text, verification.to_json().decode()]
-    names = names[: len(contents)]
+        programs, path = run_post(scene, plan, program, talk)
+        verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
+        contents |= {**programs, f"{program}.verification.json": verification.to_json().decode()}
+        said = f"{judgement(verification)}\n{facts_of(summarize(scene.job, path))}\nprogram       {out / program}"
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out {out}", f"{error.strerror}", "a folder that can be made", "Name another.") from None
-    for name, content in zip(names, contents, strict=True):
+    for name in contents:
+        check_output(out / name, inputs)
+    for name, content in contents.items():
         write_output(content, out / name, inputs)
 
-    if verification is None:
-        talk.note(summary_tables(plan_summary) + "\nno program    something forbids every sweep")
-    else:
-        talk.note(judgement(verification) + f"\nprogram       {out / program}")
-    talk.note(f"computed in   {time.perf_counter() - start:.1f} s")
+    talk.note(f"{said}\ncomputed in   {time.perf_counter() - start:.1f} s")
     if as_json:
-        summary = {"files": [str(out / name) for name in names], "verification": verification}
+        summary = {"files": [str(out / name) for name in contents], "verification": verification}
         click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
     return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE

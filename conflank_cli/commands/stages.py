@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from conflank_cli.options import Talk
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import Verification
+from postprocessors.toolpath import ToolPath
 
 KERNELS = Path(geometry.__file__).parent / "kernels" / "__pycache__"
 """Where compiled kernels are kept, unless NUMBA_CACHE_DIR says otherwise."""
@@ -82,14 +83,42 @@ def run_select(
     return plan, _counts(scene, plan) | summary, choice.coverage
 
 
-def run_verify(program: bytes, name: str, scene: Scene, talk: Talk) -> Verification:
-    """The judgement of a program, ours or foreign."""
+def run_post(scene: Scene, sweeps: Sequence[Sweep], output: str, talk: Talk) -> tuple[dict[str, str], ToolPath]:
+    """Texts by name of file (the program to run as `output`, then the parts it calls beside it), and the tool path."""
+    from conflank_cli.errors import UsageError
+    from conflank_cli.formats import post_of
+    from conflank_cli.posting import post_programs
+
+    with talk.timed("post"):
+        (program, *parts), path = post_programs(scene, sweeps)
+    suffix = post_of(scene.job).suffix
+    files = {output: program.text}
+    for part in parts:
+        name = str(Path(output).with_name(part.name + suffix))
+        if name in files:
+            raise UsageError(f"-o {output}", "the name of a part that the program calls", "another", "Name another.")
+        files[name] = part.text
+    return files, path
+
+
+def program_beside(folder: Path, name: str) -> str | None:
+    """Text of a program in a folder, for one that calls it; None where there is none."""
+    try:
+        return (folder / name).read_bytes().decode("utf-8", "surrogateescape")
+    except OSError:
+        return None
+
+
+def run_verify(
+    program: bytes, name: str, scene: Scene, talk: Talk, called: Callable[[str], str | None] | None = None
+) -> Verification:
+    """The judgement of a program, ours or foreign, with those that it calls."""
     from conflank_cli.verification.verify import verify_program
 
     # Whatever bytes a foreign program's comments hold, the hash must be that of the file.
     text = program.decode("utf-8", "surrogateescape")
     with talk.timed("verify"), talk.progress.stage("verify", 1) as stage:
-        verification = verify_program(text, scene, name)
+        verification = verify_program(text, scene, name, called=called)
         stage.advance()
     return verification
 

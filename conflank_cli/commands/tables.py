@@ -6,12 +6,16 @@ import io
 import shutil
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from conflank_cli.verification.result import CutFigures, Place, Verification
+
+if TYPE_CHECKING:
+    from conflank_cli.posting.summary import PostSummary
 
 # Where nobody looks at a terminal a table may be as wide as it likes.
 _WIDE = 1000
@@ -58,6 +62,7 @@ def judgement(verification: Verification) -> str:
         ("overcut", f"{verification.overcut_max_um:.2f} µm at most{_where(verification.overcut_max_at)}"),
         ("stock", "-" if stock is None else f"{stock:.2f} µm at most{_where(verification.stock_max_at)}"),
         ("time", f"{verification.time_s / 60.0:.1f} min"),
+        ("control", _control(verification.control_tolerance_um)),
         ("findings", str(len(verification.findings)) if verification.findings else "none"),
     ]
     text = text_table(columns, rows) if rows else ""
@@ -66,11 +71,30 @@ def judgement(verification: Verification) -> str:
     return text.rstrip("\n")
 
 
+def prediction(summary: PostSummary) -> str:
+    """What a program will do on its machine, cut by cut."""
+    columns = ["cut", "<tool", "blocks", "length mm", "time s", "with links s"]
+    rows = [(cut.cut, cut.tool, cut.blocks, cut.length_mm, cut.seconds, cut.with_links) for cut in summary.cuts]
+    return text_table(columns, rows) + "\n" + facts_of(summary)
+
+
+def facts_of(summary: PostSummary) -> str:
+    """What a program will do on its machine as a whole."""
+    return "\n".join(f"{name:<13} {text}" for name, text in summary.lines())
+
+
+def _control(tolerance_um: float | None) -> str:
+    if tolerance_um is None:
+        return "may deviate by an unknown amount: the program sets no tolerance"
+    return f"may deviate by {tolerance_um:.1f} µm more (T + h TA of cycle 32)"
+
+
 def _where(place: Place | None) -> str:
     if place is None:
         return ""
     face = f"face {place.face}" if place.face >= 0 else "an obstacle"
-    return f", {face}" + ("" if place.block is None else f", block {place.block}")
+    program = "" if place.program is None else f" of {place.program}"
+    return f", {face}" + ("" if place.block is None else f", block {place.block}{program}")
 
 
 def _cut_row(kind: str, cut: CutFigures) -> tuple[object, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -24,11 +25,12 @@ from conflank_cli.options import Talk
 def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     """Read a program back and state what it cuts.
 
-    PROGRAM is any program for the control, ours or foreign. Exit code 1 means that there are findings.
+    PROGRAM is any program for the control (.H, .I) or APT data, ours or foreign; programs that it calls are looked for
+    beside it. Exit code 1 means that there are findings.
     """
     from conflank_cli.artifacts.npz import read_source
     from conflank_cli.commands.inputs import files_of, read_job, read_scene
-    from conflank_cli.commands.stages import run_verify
+    from conflank_cli.commands.stages import program_beside, run_verify
     from conflank_cli.commands.tables import judgement
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
     from conflank_cli.output import STANDARD, check_output, write_output
@@ -40,7 +42,8 @@ def verify(source: str, job_file: str, output: str | None, talk: Talk) -> int:
     check_output(output, inputs)
     name, program = read_source(source)
     scene = read_scene(job, folder, talk)
-    verification = run_verify(program, name, scene, talk)
+    beside = Path() if source == STANDARD else Path(source).parent
+    verification = run_verify(program, name, scene, talk, partial(program_beside, beside))
     write_output(verification.to_json().decode(), output, inputs)
     talk.note(judgement(verification))
     return EXIT_FINDINGS if verification.findings else EXIT_DONE

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from conflank_cli.detection.line_field import SeedLines
-from conflank_cli.geometry.kernels.axis import trace_all
+from conflank_cli.geometry.kernels.axis import refine_all, trace_all
 from conflank_cli.geometry.kernels.cells import mark_cells
 from conflank_cli.geometry.screening import Screen, longest_run
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
@@ -24,8 +25,13 @@ STEP = 1.5
 STEPS = 160
 # Cells along each side of the raster that coverage is estimated on while candidates are sorted.
 CELLS = 72
-# Seeds traced together: bounds the memory of the tables below.
-BATCH = 512
+# Lines traced together. Seeds whose line has been met on the way of those before are not followed again.
+WAVE = 192
+# Lines whose ends are this near are met, root mean square, mm: a fifth of a step.
+MET = 0.3
+# Places between traced lines at which others may meet them.
+BETWEEN = 4
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 # Stock left counts in full up to about so many tolerances; beyond, another sweep has to take it.
 FADED = 1.5
 # Lines are still to be moved by the optimisation: so much violation is let pass, mm.
@@ -72,7 +78,10 @@ def trace(
     screen: Screen,
     limits: Limits,
 ) -> Traced:
-    """Follow every seed. Seeds that no line within tolerance comes of leave no sequence.
+    """Follow the lines of seeds over the face.
+
+    A seed that no line within tolerance comes of leaves no sequence, and one whose line lies on the way of sequences
+    before it leaves none of its own: it would go the same way again.
 
     Parameters
     ----------
@@ -89,18 +98,26 @@ def trace(
     sequences: list[Sequence] = []
     cells: list[npt.NDArray[np.bool_]] = []
     rows = 2 * STEPS + 1
-    size = min(BATCH, len(seeds.p))
-    p, d = np.empty((size, rows, 3)), np.empty((size, rows, 3))
-    error, u, v, on = (np.empty((size, rows, SPHERES)) for _ in range(4))
-    for begin in range(0, len(seeds.p), BATCH):
-        part = slice(begin, min(begin + BATCH, len(seeds.p)))
-        count = part.stop - part.start
-        start = np.argmin(np.abs(seeds.height[part, None] - heights), axis=1)
+    p, d = np.empty((WAVE, rows, 3)), np.empty((WAVE, rows, 3))
+    error, u, v, on = (np.empty((WAVE, rows, SPHERES)) for _ in range(4))
+    lines_p, lines_d, foot_u, foot_v = seeds.p.copy(), seeds.d.copy(), seeds.uv[:, 0].copy(), seeds.uv[:, 1].copy()
+    start = np.argmin(np.abs(seeds.height[:, None] - heights), axis=1)
+    found = np.zeros(len(lines_p), dtype=np.bool_)
+    refine_all(
+        *spans, face.sense, face.raster, lines_p, lines_d, heights, radii, start, foot_u, foot_v,
+        over, under, FADED, found,
+    )  # fmt: skip
+    left = _spread(np.flatnonzero(found))
+    while len(left):
+        wave, left = left[:WAVE], left[WAVE:]
+        count = len(wave)
         extent = np.zeros((count, 2), dtype=np.int64)
         trace_all(
-            *spans, face.sense, face.raster, seeds.p[part], seeds.d[part], heights, radii, start,
-            seeds.uv[part, 0].copy(), seeds.uv[part, 1].copy(), STEP, over, under, FADED, p, d, error, u, v, on, extent,
+            *spans, face.sense, face.raster, lines_p[wave], lines_d[wave], heights, radii, start[wave],
+            foot_u[wave], foot_v[wave], STEP, over, under, FADED, p, d, error, u, v, on, extent,
         )  # fmt: skip
+        ways = [(p[k, low:high], d[k, low:high]) for k, (low, high) in enumerate(extent)]
+        left = left[~_met(lines_p[left], lines_d[left], ways, tool)]
         _keep_free(screen, tool, p, d, extent)
         marks = np.zeros((count, CELLS, CELLS), dtype=np.bool_)
         mark_cells(spans.breaks_u, spans.breaks_v, error[:count], u, v, on, extent, over, under, marks)
@@ -112,6 +129,22 @@ def trace(
                 cells.append(covered)
     table = np.array(cells) if cells else np.zeros((0, int(used.sum())), dtype=np.bool_)
     return Traced(tuple(sequences), table, cell_areas[used])
+
+
+def _spread(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """The same numbers in an order of which every beginning is spread evenly over the whole (golden section)."""
+    return np.asarray(index[np.argsort(np.arange(len(index)) * GOLDEN % 1.0, kind="stable")])
+
+
+def _met(p: Array, d: Array, ways: list[tuple[Array, Array]], tool: Tool) -> npt.NDArray[np.bool_]:
+    """Which lines p, d (N, 3) lie on the ways of sequences, lines (K, 3) each."""
+    ends = [np.hstack([way_p, way_p + tool.length * way_d]) for way_p, way_d in ways if len(way_p)]
+    if not ends or not len(p):
+        return np.zeros(len(p), dtype=np.bool_)
+    between = [part[:-1] + share * np.diff(part, axis=0) for part in ends for share in np.arange(BETWEEN) / BETWEEN]
+    tree = KDTree(np.concatenate([*between, *(part[-1:] for part in ends)]))
+    reach = MET * np.sqrt(2.0)
+    return np.asarray(tree.query(np.hstack([p, p + tool.length * d]), distance_upper_bound=reach)[0] < reach)
 
 
 def _keep_free(screen: Screen, tool: Tool, p: Array, d: Array, extent: npt.NDArray[np.int64]) -> None:

@@ -33,14 +33,15 @@ POINTS = 2500
 POLISH_POINTS, POLISH_SPACING, MOST_POINTS = 4000, 0.8, 20000
 # Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
 SCREEN_SPACING = 0.8
-# Sweeps of every face and tool that are refined and grown: those in good covers, about so many.
-REFINED = 32
+# Sweeps of every face and tool that are refined, and of those the ones that are grown: those in good covers, about so
+# many.
+REFINED, GROWN = 32, 12
 # A sweep that adds less than this share of a face to a cover is not worth refining.
 LEAST_GAIN = 0.003
 
 
 def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[list[Sweep], dict[str, Any]]:
-    """Optimise every sweep, then refine, grow and polish those that may be chosen; sweeps that fail are left out.
+    """Optimise every sweep, refine those that may be chosen, grow the best of them; sweeps that fail are left out.
 
     Returns the sweeps and a summary: how many came to which result, as sentences, and how many were left out.
 
@@ -62,17 +63,23 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         indices = range(len(sweeps))
         solutions = list(side_by_side("optimize", lambda k: task_of[k].first(sweeps[k].motion), indices))
         sound = [k for k in indices if not solutions[k].failed]
-        gaps = dict(
-            zip(sound, side_by_side("judge", lambda k: task_of[k].gaps(solutions[k].motion), sound), strict=True)
-        )
-        chosen: list[int] = []
-        for key, task in tasks.items():
-            own = [k for k in sound if (sweeps[k].face, sweeps[k].tool) == key]
-            if own:
-                chosen.extend(own[k] for k in _worth_refining(task, np.array([gaps[k] for k in own])))
-        refined = side_by_side("refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion), chosen)
-        for k, solution in zip(chosen, refined, strict=True):
-            solutions[k] = solution
+
+        def better(chosen: list[int], count: int, title: str, work: Callable[[int], Solution]) -> list[int]:
+            """Put `work` into those of the chosen that make good covers, `count` of every face and tool or so."""
+            gaps = dict(
+                zip(chosen, side_by_side("judge", lambda k: task_of[k].gaps(solutions[k].motion), chosen), strict=True)
+            )
+            worth: list[int] = []
+            for key, task in tasks.items():
+                own = [k for k in chosen if (sweeps[k].face, sweeps[k].tool) == key]
+                if own:
+                    worth.extend(own[k] for k in _worth_more(task, np.array([gaps[k] for k in own]), count))
+            for k, solution in zip(worth, side_by_side(title, work, worth), strict=True):
+                solutions[k] = solution
+            return worth
+
+        refined = better(sound, REFINED, "refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion))
+        better(refined, GROWN, "grow", lambda k: task_of[k].grown(solutions[k], sweeps[k].motion))
     if not sound:
         failed = sorted({solution.status for solution in solutions})
         reasons = "; ".join(STATUS[status] for status in failed)
@@ -120,10 +127,10 @@ def prepare(scene: Scene, keys: Iterable[tuple[int, str]]) -> dict[tuple[int, st
     return tasks
 
 
-def _worth_refining(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> list[int]:
+def _worth_more(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]], count: int) -> list[int]:
     covers = np.array([task.covered(gap) for gap in gaps])
     areas = task.samples.areas
-    return shortlist(covers, areas, mean_errors(covers, gaps, areas), REFINED, LEAST_GAIN)
+    return shortlist(covers, areas, mean_errors(covers, gaps, areas), count, LEAST_GAIN)
 
 
 def _kept(sweep: Sweep) -> dict[str, float]:

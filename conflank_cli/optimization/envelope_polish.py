@@ -58,6 +58,10 @@ class Points:
         along = np.full(len(border), BORDER * float(samples.areas.mean()))
         return cls(np.concatenate([samples.points, border]), np.concatenate([samples.areas, along]))
 
+    def thinned(self, share: int) -> Points:
+        """One in `share` of them, evenly spread, for all."""
+        return Points(self.x[::share], self.areas[::share] * share)
+
     def near(self, motion: Motion, tool: Tool, limits: Limits, scale: float) -> Points:
         """Those that a motion comes near, for a polish whose first scale is `scale`."""
         reach = FAR * scale * max(limits.under, limits.over)

@@ -39,10 +39,11 @@ FINE_SPACING, FINE_FEWEST, FINE_MOST = 3.0, 26, 64
 SETTLE_PROXIMITY = 0.01
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
-# Scales of the polish on the swept gap, in stock tolerances: after growth, and of a candidate that nothing else has
-# worked on; and the factor on mu3.
+# Scales of the polish on the swept gap, in stock tolerances; those of a candidate that nothing else has worked on, for
+# which one point in so many will do; and the factor on mu3.
 POLISH_SCALES = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 4
-DIRECT_SCALES = (30.0,) * 4 + (6.0,) * 3 + (3.0,) * 3 + (1.0,) * 4
+ROUGH_SCALES, ROUGH_POINTS = (30.0,) * 4 + (6.0,) * 3 + (3.0,) * 3, 5
+FINE_SCALES = (1.0,) * 4
 POLISH_PROXIMITY = 0.03
 # A sweep moves across its axis with this share of its velocity at least, or it is no steady cut.
 STEADY = 0.3
@@ -89,27 +90,38 @@ class Task:
         return self.minimised(motion, self.schedule(), self.weights)
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
-        """Finer knots, then moves that cover more, as long as they do, then the polish on the swept gap.
+        """Finer knots and the polish on the swept gap.
 
         candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
-        envelope that the paper's functional slides off along the axis; the one that covers more is gone on with.
+        envelope that the paper's functional slides off along the axis; the one that covers more is returned.
         """
         settled = self._settled(self.refitted(solution.motion))
         if settled.failed:
             return solution
-        judged = self._judged(settled)
+        best = settled
         if self.polish:
-            judged = self._better(judged, self._polished(self.refitted(candidate), DIRECT_SCALES))
+            rough = self._polished(self.refitted(candidate), ROUGH_SCALES, self.points.thinned(ROUGH_POINTS))
+            fine = None if rough is None else self._polished(rough, FINE_SCALES, self.points)
+            best = self._better(self._judged(settled), fine).solution
+        return self._ended(best, solution, candidate)
+
+    def grown(self, solution: Solution, candidate: Motion) -> Solution:
+        """Moves that cover more, as long as they do, then the polish on the swept gap, of what `refined` returns."""
+        judged = self._judged(solution)
         if self.grow:
             judged = self._grown(judged)
         if self.polish:
-            judged = self._better(judged, self._polished(judged.solution.motion, POLISH_SCALES))
+            judged = self._better(judged, self._polished(judged.solution.motion, POLISH_SCALES, self.points))
         best = self._flattened(judged) if self.polish else judged.solution
+        return self._ended(best, solution, candidate) if best is not solution else solution
+
+    def _ended(self, best: Solution, start: Solution, candidate: Motion) -> Solution:
+        """The solution `best`, told from where the solver began with `start`."""
         proximity = way(best.motion, candidate, np.linspace(0.0, 1.0, self.grid[0]))
         return replace(
             best,
-            start=solution.start,
-            iterations=solution.iterations + best.iterations,
+            start=start.start,
+            iterations=start.iterations + best.iterations,
             end=replace(best.end, proximity=proximity),
         )
 
@@ -136,9 +148,9 @@ class Task:
                 break
         return best
 
-    def _polished(self, motion: Motion, scales: tuple[float, ...]) -> Motion | None:
-        points = self.points.near(motion, self.tool, self.limits, scales[0])
-        return for_area(self.tool, motion, points, self.limits, self.polish_weights, scales)
+    def _polished(self, motion: Motion, scales: tuple[float, ...], points: Points) -> Motion | None:
+        near = points.near(motion, self.tool, self.limits, scales[0])
+        return for_area(self.tool, motion, near, self.limits, self.polish_weights, scales)
 
     def _better(self, best: _Judged, motion: Motion | None) -> _Judged:
         """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""

@@ -1,4 +1,4 @@
-"""Feed of the tip for the feed at the contact, and the time it takes."""
+"""Feed of the tip, block by block, for the feed that is asked for at the contact or at the tip."""
 
 from __future__ import annotations
 
@@ -6,42 +6,65 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.posting.ride import Ride
+from postprocessors.errors import PostError
+from postprocessors.kinematics.timing import followed_seconds, least_seconds
 from postprocessors.machines.machine import Machine
-from postprocessors.toolpath import Stretch
 
 Array = npt.NDArray[np.float64]
 
-FEED_FLOOR = 0.01
-"""Least tip feed as a share of the contact feed: below it the tip all but stands while the axis swings."""
 LEAST_FEED = 1.0
 """mm/min; programs carry whole numbers, and 0 would mean rapid."""
+PRINTED = 1e-4
+"""mm, the last digit of a coordinate in a program."""
+AT_LIMIT = 1e-9
+"""Relative excess over an axis' speed that is rounding."""
 
 
-def contact_feed(tip: Array, axis: Array, words: Array, ride: Ride, machine: Machine) -> Array:
-    """Feed of the tip into each pose, mm/min, (N,), for which the fastest point of the flute has the tool's feed.
+def block_feeds(tip: Array, axis: Array, axes: Array, ride: Ride, machine: Machine, at: str, label: str) -> Array:
+    """Feed of the tip into each pose, whole mm/min, (N,); the first pose gets the feed of the second.
 
-    Not below `FEED_FLOOR`; limited by the machine's feed, block time and rotary speeds. The first pose gets the feed of
-    the second.
+    Parameters
+    ----------
+    tip, axis: poses, each (N, 3).
+    axes: positions of the machine's five axes there, (N, 5), mm and degrees, rotary words unwound.
+    ride: the cut they belong to.
+    machine: its feed, block time, and speed and acceleration of its axes limit the feed.
+    at: "contact": the fastest point of the flute has the tool's feed; "tip": the tip has.
+    label: of the cut in messages; `pose` counts from its first.
+
+    Raises
+    ------
+    PostError: a rotary axis would have to be faster than it can be even at the lowest feed, because the tip all but
+        stands while the tool swings.
     """
-    wanted = ride.tool.feed_mm_min
+    wanted = ride.tool.feed_mm_min / 60.0
     low = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    high = np.linalg.norm(np.diff(tip + ride.reach * axis, axis=0), axis=1)
-    # |step| is a convex function of height, so the fastest point is at one of the ends.
-    fastest = np.maximum(np.maximum(low, high), np.finfo(np.float64).tiny)
-    turn = np.diff(words, axis=0)
-    for column, rotary in enumerate(machine.rotary):
-        if rotary.range_deg is None:
-            turn[:, column] -= 360.0 * np.round(turn[:, column] / 360.0)
-    speeds = np.array([rotary.max_speed_deg_min for rotary in machine.rotary])
-    minutes = np.maximum((np.abs(turn) / speeds).max(axis=1), machine.block_time_ms / 60000.0)
-    feed = np.maximum(wanted * low / fastest, FEED_FLOOR * wanted)
-    feed = np.minimum(np.minimum(feed, low / minutes), machine.max_feed_mm_min)
-    feed = np.maximum(feed, LEAST_FEED)
+    fastest = low
+    if at == "contact":
+        # |step| is a convex function of height, so the fastest point is at one of the ends.
+        fastest = np.maximum(low, np.linalg.norm(np.diff(tip + ride.reach * axis, axis=0), axis=1))
+    least = least_seconds(machine, axes)
+    seconds = np.maximum(np.maximum(fastest / wanted, 60.0 * low / machine.max_feed_mm_min), least)
+    seconds = followed_seconds(axes, seconds, machine.limits)
+    # The control sees the printed coordinates; where the tip hardly moves, rounding them changes its way.
+    printed = np.linalg.norm(np.diff(np.round(tip / PRINTED), axis=0), axis=1) * PRINTED
+    # Rounded to whole numbers a feed may pass what is wanted, but not what an axis or the control can do.
+    feed = np.minimum(np.round(60.0 * np.minimum(printed, low) / seconds), np.floor(60.0 * printed / least))
+    feed = np.clip(feed, LEAST_FEED, np.floor(max(machine.max_feed_mm_min, LEAST_FEED)))
+    turning = (np.abs(np.diff(axes[:, 3:], axis=0)) / machine.limits.speed[3:]).max(axis=1)
+    late = 60.0 * printed / feed < turning * (1.0 - AT_LIMIT)
+    if late.any():
+        block = int(np.flatnonzero(late)[0])
+        words = " ".join(
+            f"{rotary.letter} by {step:.4f} deg"
+            for rotary, step in zip(
+                machine.rotary, np.abs(np.diff(axes[block : block + 2, 3:], axis=0))[0], strict=True
+            )
+        )
+        raise PostError(
+            f"{label}, block {block + 1}",
+            f"{words} while the tip moves {printed[block]:.4f} mm",
+            f"a motion that {machine.name} can follow at a feed of {LEAST_FEED:g} mm/min or more",
+            "The tool swings about its tip or passes the pose of the first rotary axis: turn the part in [setup].",
+        )
     return np.concatenate([feed[:1], feed])
-
-
-def stretch_seconds(stretch: Stretch, rapid_mm_min: float) -> float:
-    """Time for a stretch at its programmed feeds, seconds; rapid moves at `rapid_mm_min`. Acceleration is ignored."""
-    length = np.linalg.norm(np.diff(stretch.tip, axis=0), axis=1)
-    feed = np.where(stretch.feed[1:] > 0.0, stretch.feed[1:], rapid_mm_min)
-    return float(60.0 * (length / feed).sum())

@@ -21,9 +21,11 @@ AWAY_SAMPLES = 9
 HULL_SAMPLES = 65
 """Rows and columns of points that stand for a face when its size is taken; they also give its border."""
 LINK_SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Shares of the clearance by which a link stands off the face, tried in this order."""
+"""Shares of the clearance that are tried, in this order, as the radius of an arc or the distance off the face."""
 LINK_LIFTS_DEG = (0.0, 30.0, 60.0, 80.0)
 """Angles by which the shift off the face leans up the tool axis."""
+ARC_BLOCKS = 12
+"""Blocks of an approach or retract arc of 90 degrees: it leaves the circle by 0.2 % of its radius, to the inside."""
 LINK_STEP = 1.0
 """Poses of a link are held against the part this far apart, mm."""
 
@@ -60,6 +62,17 @@ def is_climb(ride: Ride, away: Array) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
+class Link:
+    """A way from the safe plane to the first pose of a cut, or from its last pose back when read from the end.
+
+    tip, axis: poses, each (N, 3); the first two are the safe plane and the place beside the face.
+    """
+
+    tip: Array
+    axis: Array
+
+
+@dataclass(frozen=True, slots=True)
 class SafePlane:
     """Where tools come from: `height` from the centre of all geometry along whatever tool axis."""
 
@@ -67,41 +80,75 @@ class SafePlane:
     height: float
     clearance: float
 
-    def links(self, tip: Array, axis: Array, away: Array) -> Iterator[Array]:
-        """Ways from the safe plane down beside a pose and to the pose, tip points (3, 3) each, the plainest first.
+    def links(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+        """Ways from the safe plane down beside the first (or last) pose of a cut and to it, the best first.
 
-        Beside the pose means shifted off the face by the clearance. On the way down whatever part of the cutter passes
-        a place is thinner than the part that stands there in the end, so it stays clear of what the pose is clear of.
-        Where another part of the workpiece is near, a shorter shift that also lifts may still be free.
+        The way to the pose is a quarter circle: the cut is taken up as if it had begun earlier, so that feed and swing
+        are those of the cut, and the tool comes off the face by a radius. On the way down to it, along the axis,
+        whatever part of the cutter passes a place is thinner than the part that stands there in the end. Where another
+        part of the workpiece is near, a smaller arc or one that also lifts may still be free; in the last place come
+        straight ways off the face.
         """
         for share in LINK_SHARES:
             for lift in np.radians(LINK_LIFTS_DEG):
-                beside = tip + share * self.clearance * (np.cos(lift) * away + np.sin(lift) * axis)
-                height = max(self.height - float((beside - self.centre) @ axis), self.clearance)
-                yield np.stack([beside + height * axis, beside, tip])
+                yield self._arc(ride, after, away, share * self.clearance, float(lift))
+        yield from self.straight(ride, after, away)
+
+    def straight(self, ride: Ride, after: bool, away: Array) -> Iterator[Link]:
+        """The last of these: straight off the face, and the axis stands still."""
+        for share in LINK_SHARES:
+            for lift in np.radians(LINK_LIFTS_DEG):
+                yield self._straight(ride, after, away, share * self.clearance, float(lift))
+
+    def _arc(self, ride: Ride, after: bool, away: Array, radius: float, lift: float) -> Link:
+        angle = np.linspace(0.5 * np.pi, 0.0, ARC_BLOCKS + 1)
+        tip, axis = ride.beyond(radius * np.sin(angle), after)
+        off = np.cos(lift) * away + np.sin(lift) * axis[-1]
+        tip = tip + radius * (1.0 - np.cos(angle))[:, None] * off
+        return self._from_above(tip, axis)
+
+    def _straight(self, ride: Ride, after: bool, away: Array, distance: float, lift: float) -> Link:
+        tip, axis = ride.beyond(np.zeros(2), after)
+        off = np.cos(lift) * away + np.sin(lift) * axis[0]
+        return self._from_above(tip + np.array([[distance], [0.0]]) * off, axis)
+
+    def _from_above(self, tip: Array, axis: Array) -> Link:
+        height = max(self.height - float((tip[0] - self.centre) @ axis[0]), self.clearance)
+        return Link(np.vstack([tip[:1] + height * axis[:1], tip]), np.vstack([axis[:1], axis]))
 
 
-def clearest(links: Iterable[Array], axis: Array, ride: Ride, screen: Screen, collider: Collider) -> Array:
+def clearest(links: Iterable[Link], ride: Ride, screen: Screen, collider: Collider) -> Link:
     """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
 
     The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.
     """
-    best, fewest = np.zeros((3, 3)), np.inf
+    best, fewest = None, np.inf
     for link in links:
-        down = _points_between(link[1], link[0], LINK_STEP)
-        tips = np.concatenate([_points_between(link[2], link[1], LINK_STEP), down])
-        axes = np.broadcast_to(axis, tips.shape)
-        p = (tips - ride.tool.tip_height * axes - ride.frame.translation) @ ride.frame.rotation
-        d = axes @ ride.frame.rotation
-        hits = int(np.sum(~screen.free(p, d, ride.tool)))
+        pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
+        tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        hits = int(np.sum(~screen.free(*_in_cad(ride, tips, axes), ride.tool)))
         if hits == 0:
-            corners = [0, len(tips) - len(down), -1]
-            hits = int(not collider.path(p[corners], d[corners], ride.tool).clear)
+            hits = int(not collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear)
         if hits < fewest:
             best, fewest = link, hits
         if hits == 0:
             break
+    assert best is not None
     return best
+
+
+def _in_cad(ride: Ride, tip: Array, axis: Array) -> tuple[Array, Array]:
+    """Axis points at height 0 and directions, each (N, 3), of poses in the program's frame."""
+    p = (tip - ride.tool.tip_height * axis - ride.frame.translation) @ ride.frame.rotation
+    return p, axis @ ride.frame.rotation
+
+
+def _poses_between(link: Link, index: int) -> tuple[Array, Array]:
+    """Poses of one block of a link, at most `LINK_STEP` mm apart at the tip."""
+    tips = _points_between(link.tip[index], link.tip[index + 1], LINK_STEP)
+    share = np.linspace(0.0, 1.0, len(tips))[:, None]
+    axes = (1.0 - share) * link.axis[index] + share * link.axis[index + 1]
+    return tips, np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def _points_between(start: Array, end: Array, step: float) -> Array:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from importlib.metadata import version
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -12,22 +11,26 @@ import numpy.typing as npt
 
 from conflank_cli.copies import over_copies
 from conflank_cli.errors import InputError
+from conflank_cli.formats import post_of, program_options
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
-from conflank_cli.posting.feeds import contact_feed
-from conflank_cli.posting.links import SafePlane, away_directions, clearest, hull_points, is_climb
+from conflank_cli.posting.feeds import block_feeds
+from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
+from conflank_cli.posting.mounting import axis_positions, mounting_of
 from conflank_cli.posting.ride import Ride
-from conflank_cli.posting.spacing import space_blocks, sweep_runs
+from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
-from postprocessors.heidenhain.conversational import ProgramOptions, write_program
-from postprocessors.kinematics.two_rotary import choose_words
+from postprocessors.kinematics.travel import check_travel
+from postprocessors.kinematics.two_rotary import Run, choose_words, runs_through
+from postprocessors.kinematics.visits import visits_with_words
 from postprocessors.machines.machine import Machine
+from postprocessors.post import ProgramFile
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
 
 Array = npt.NDArray[np.float64]
@@ -36,32 +39,44 @@ BLANK_RATIO = 150.0
 """Largest ratio of the blank's sides (the control refuses 200)."""
 
 
-def program_options(job: Job) -> ProgramOptions:
-    """How the job wants its program written."""
-    program = job.program
-    return ProgramOptions(
-        version=version("conflank"),
-        style=program.style,
-        datum=program.datum,
-        coolant=program.coolant,
-        tolerance_mm=program.cycle32.t,
-        tolerance_deg=program.cycle32.ta,
-    )
-
-
 def post_program(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[str, ToolPath]:
-    """The text of the program that the scene's job asks for, and the tool path behind it.
+    """The text of the program to run, and the tool path behind it.
 
     Raises
     ------
     InputError: the control or the machine could not execute it.
     """
+    (program, *_), path = post_programs(scene, sweeps)
+    return program.text, path
+
+
+def post_programs(scene: Scene, sweeps: Sequence[Sweep]) -> tuple[tuple[ProgramFile, ...], ToolPath]:
+    """The programs that the scene's job asks for, the one to run first, and the tool path behind them.
+
+    Raises
+    ------
+    InputError: the control or the machine could not execute it.
+    """
+    job = scene.job
+    post = post_of(job)
     try:
-        machine = machine_of(scene.job)
-        path = plan_to_toolpath(scene, sweeps, machine)
-        return write_program(path, machine, program_options(scene.job)), path
+        machine = machine_of(job)
+        path = _numbered(plan_to_toolpath(scene, sweeps, machine), job.program.tool_numbers)
+        check_travel(machine, visits_with_words(machine, path), mounting_of(job))
+        return post.write(path, machine, program_options(job, post)), path
     except PostError as error:
         raise InputError(error.where, error.found, error.expected, error.next_step) from error
+
+
+def _numbered(path: ToolPath, numbers: Mapping[str, int]) -> ToolPath:
+    """The path with the numbers that the machine has its tools under, where they are given."""
+    if not numbers:
+        return path
+    operations = tuple(
+        replace(operation, cutter=replace(operation.cutter, number=numbers[operation.cutter.name]))
+        for operation in path.operations
+    )
+    return replace(path, operations=operations)
 
 
 def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) -> ToolPath:
@@ -77,7 +92,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     ------
     InputError: there is no sweep, or a sweep names a tool or a face that the scene does not have.
     NumericalError: a sweep needs endlessly short blocks (it passes the machine's singular pose at an angle).
-    PostError: an orientation is out of the machine's reach.
+    PostError: an orientation is out of the machine's reach, or its axes cannot follow at any feed.
     """
     if not sweeps:
         raise InputError("plan", "no sweep", "at least one", "Lower the coverage asked for, or widen the tolerance.")
@@ -92,47 +107,91 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine) ->
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
-    rides, ends = [], []
+    pieces: list[_Piece] = []
     for number, (sweep, rotation) in enumerate(over_copies(copies, sweeps), start=1):
         if sweep.tool not in tools or not 0 <= sweep.face < len(scene.faces):
             found = f"tool {sweep.tool}, face {sweep.face}"
             raise InputError(f"sweep {number}", found, "a tool and a face of the scene", "Run the stages again.")
         ride = Ride(sweep.motion, tools[sweep.tool], frame.turned(rotation))
-        away = away_directions(ride, projectors[sweep.face], scene.faces[sweep.face].sense)
-        if program.cutting != "both" and is_climb(ride, away) != (program.cutting == "climb"):
-            ride, away = replace(ride, backwards=True), away[::-1]
-        rides.append(ride)
-        ends.append((away[0], away[-1]))
-    times = space_blocks(rides, machine)
-    poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
-    words = choose_words(machine, sweep_runs(poses))
-    stretches: list[tuple[Tool, tuple[Stretch, ...]]] = []
-    for cut, (ride, (tip, axis), word, (away_in, away_out)) in enumerate(
-        zip(rides, poses, words, ends, strict=True), start=1
-    ):
-        feed = contact_feed(tip, axis, word, ride, machine)
-        plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-        inward = clearest(plane.links(tip[0], axis[0], away_in), axis[0], ride, screen, collider)
-        outward = clearest(plane.links(tip[-1], axis[-1], away_out), axis[-1], ride, screen, collider)[::-1]
-        slow = float(feed[0])
-        still_in, still_out = (np.repeat(axis[index][None], 3, axis=0) for index in (0, -1))
-        stretches.append(
-            (
-                ride.tool,
-                (
-                    Stretch(Purpose.APPROACH, cut, inward, still_in, np.array([0.0, 0.0, slow])),
-                    Stretch(Purpose.SWEEP, cut, tip, axis, feed),
-                    Stretch(Purpose.RETRACT, cut, outward, still_out, np.array([slow, float(feed[-1]), 0.0])),
-                ),
-            )
-        )
+        projector, sense = projectors[sweep.face], scene.faces[sweep.face].sense
+        climbs = is_climb(ride, away_directions(ride, projector, sense))
+        if program.cutting != "both" and climbs != (program.cutting == "climb"):
+            ride = replace(ride, backwards=True)
+        for leg in legs_of(ride, machine, f"sweep {number}"):
+            away = away_directions(leg, projector, sense)
+            pieces.append(_Piece(number, leg, away[0], away[-1]))
+    plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
+    stretches = _with_links(pieces, plane, screen, collider, machine, scene.job)
     operations = tuple(
-        Operation(_cutter(tool), tuple(stretch for _, cut in group for stretch in cut))
-        for tool, group in groupby(stretches, key=lambda item: item[0])
+        Operation(_cutter(tool), tuple(stretch for _, visit in group for stretch in visit))
+        for tool, group in groupby(
+            zip((piece.ride.tool for piece in pieces), stretches, strict=True), key=lambda item: item[0]
+        )
     )
     blank_low, blank_high = _blank(low, high)
     faces = tuple(sorted({scene.faces[sweep.face].number for sweep in sweeps}))
     return ToolPath(program.name, scene.part_name, faces, frame.text, blank_low, blank_high, operations)
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """As much of a sweep as can be run without unwinding a rotary axis, and which way is off the face at its ends."""
+
+    cut: int
+    ride: Ride
+    away_in: Array
+    away_out: Array
+
+    @property
+    def label(self) -> str:
+        return f"sweep {self.cut}"
+
+
+def _with_links(
+    pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, collider: Collider, machine: Machine, job: Job
+) -> list[tuple[Stretch, Stretch, Stretch]]:
+    """Approach, sweep and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
+    labels = [piece.label for piece in pieces]
+    ways = [_ways(piece, plane, screen, collider, machine) for piece in pieces]
+    rides = [piece.ride for piece in pieces]
+    # The last pose of a link is the first of the sweep, or the other way round.
+    times = space_blocks(rides, machine, labels, [(a.axis[:-1], b.axis[-2::-1]) for a, b in ways])
+    poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
+    tips = [np.vstack([a.tip[:-1], tip, b.tip[-2::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
+    axes = [np.vstack([a.axis[:-1], axis, b.axis[-2::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
+    words = choose_words(machine, [Run(label, axis) for label, axis in zip(labels, axes, strict=True)])
+    stretches = []
+    for piece, (inward, outward), tip, axis, word in zip(pieces, ways, tips, axes, words, strict=True):
+        ride, label = piece.ride, f"{piece.label} with its approach"
+        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, word)
+        # At feed from beside the face to beside it again; the safe plane is reached by rapid.
+        at = slice(1, len(tip) - 1)
+        feed = np.zeros(len(tip))
+        feed[at] = block_feeds(tip[at], axis[at], positions[at], ride, machine, job.program.feed, label)
+        first, last = len(inward.tip) - 1, len(tip) - len(outward.tip)
+        # Into the first pose of a stretch leads nothing; it has the feed of its first block.
+        sweep_feed, back_feed = feed[first : last + 1].copy(), feed[last:].copy()
+        sweep_feed[0], back_feed[0], feed[1] = sweep_feed[1], back_feed[1], 0.0
+        ends = slice(0, first + 1), slice(first, last + 1), slice(last, len(tip))
+        stretches.append(
+            (
+                Stretch(Purpose.APPROACH, piece.cut, tip[ends[0]], axis[ends[0]], feed[ends[0]]),
+                Stretch(Purpose.SWEEP, piece.cut, tip[ends[1]], axis[ends[1]], sweep_feed),
+                Stretch(Purpose.RETRACT, piece.cut, tip[ends[2]], axis[ends[2]], back_feed),
+            )
+        )
+    return stretches
+
+
+def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
+    """The ways to the first pose of a piece, and from its last (read backwards)."""
+    ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
+    inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
+    axis = np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]])
+    if not runs_through(machine, Run(piece.label, axis)):
+        # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
+        inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
+    return inward, outward
 
 
 def _cutter(tool: Tool) -> Cutter:

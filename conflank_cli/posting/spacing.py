@@ -14,17 +14,22 @@ import numpy.typing as npt
 
 from conflank_cli.errors import NumericalError
 from conflank_cli.posting.ride import Ride
-from postprocessors.kinematics.two_rotary import Run, choose_words, forward
+from postprocessors.kinematics.two_rotary import Run, choose_words, forward, legs
 from postprocessors.machines.machine import Machine
 
 Array = npt.NDArray[np.float64]
 
+POSTED_WITHIN = 5e-4
+"""mm, what posting may cost in all."""
 CHORD_TOLERANCE = 3e-4
 """mm. With rounding to four decimals (0.09 µm of the tip, 0.06 µm by both angles at 50 mm) the posted axis stays within
 the 0.5 µm that posting may cost."""
 SAMPLES_PER_SPAN = 16
 """Samples of a motion for each knot span, from which the spacing is planned: its second derivative is linear there."""
 SAMPLES_AT_LEAST = 129
+GRADING = 0.2
+"""Share by which a block may be longer than the one beside it: where a motion has an inflection, blocks could be many
+times as long as beside it, and the control would have to change its pace."""
 CHECKS_PER_BLOCK = 7
 """Places within each block where the deviation is checked; it is a bump with one top, or two and a zero between."""
 CHECK_SLACK = 0.97
@@ -33,8 +38,17 @@ REFINEMENTS = 24
 """Rounds of halving blocks that are still too long; a sweep that needs more runs through the singular pose."""
 
 
-def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
-    """Times of the blocks of each sweep, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+def space_blocks(
+    rides: Sequence[Ride], machine: Machine, labels: Sequence[str], links: Sequence[tuple[Array, Array]]
+) -> list[Array]:
+    """Times of the blocks of each ride, as few as hold `CHORD_TOLERANCE`, evenly loaded.
+
+    Parameters
+    ----------
+    rides: what is cut, in order.
+    machine: its rotary words are one of the two interpolations.
+    labels: name the rides in messages.
+    links: axes (N, 3) of the poses before the first and after the last of each ride, in order.
 
     The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
     blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
@@ -44,15 +58,20 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     ------
     NumericalError: blocks get endlessly short.
     """
-    times = [_planned_times(ride, machine, f"sweep {number}") for number, ride in enumerate(rides, start=1)]
+    times = [_planned_times(ride, machine, label) for ride, label in zip(rides, labels, strict=True)]
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
-        # The words of the whole program: which of two solutions a sweep gets may depend on its neighbours.
-        words = choose_words(machine, sweep_runs([ride.poses(t) for ride, t in zip(rides, times, strict=True)]))
+        # The words of the whole program: which of two solutions a sweep gets may depend on its links and neighbours.
+        runs = [
+            Run(label, np.vstack([before, ride.poses(t)[1], after]))
+            for ride, t, label, (before, after) in zip(rides, times, labels, links, strict=True)
+        ]
+        words = choose_words(machine, runs)
         done = True
         for index, ride in enumerate(rides):
             t = times[index]
-            fails = block_deviation(ride, t, words[index], machine) > limit
+            own = words[index][len(links[index][0]) :][: len(t)]
+            fails = block_deviation(ride, t, own, machine) > limit
             if fails.any():
                 done = False
                 times[index] = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[fails]]))
@@ -66,14 +85,36 @@ def space_blocks(rides: Sequence[Ride], machine: Machine) -> list[Array]:
     )
 
 
+def legs_of(ride: Ride, machine: Machine, label: str) -> list[Ride]:
+    """The pieces in which the machine can run through a sweep, in order: one, unless a rotary axis has to unwind.
+
+    Raises
+    ------
+    PostError: an orientation is out of the machine's reach.
+    """
+    t = _samples(ride)
+    pieces = legs(machine, Run(label, planned_axes(ride)))
+    return [ride.between(float(t[first]), float(t[last])) for first, last in pieces]
+
+
+def planned_axes(ride: Ride) -> Array:
+    """Tool axes (N, 3) that stand for the whole of a ride."""
+    return ride.poses(_samples(ride))[1]
+
+
+def _samples(ride: Ride) -> Array:
+    """Times that stand for the whole motion."""
+    spans = len(np.unique(ride.motion.knots)) - 1
+    return np.linspace(0.0, 1.0, max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1))
+
+
 def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     """Times that load all blocks alike, with the least count for which none exceeds the tolerance (or nearly).
 
     `label` names the sweep in messages.
     """
-    spans = len(np.unique(ride.motion.knots)) - 1
-    count = max(SAMPLES_AT_LEAST, SAMPLES_PER_SPAN * spans + 1)
-    t = np.linspace(0.0, 1.0, count)
+    t = _samples(ride)
+    count = len(t)
     tip, axis = ride.poses(t)
     words = choose_words(machine, [Run(label, axis)])[0]
     width = 2.0 / (count - 1)
@@ -83,6 +124,7 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     density = np.concatenate([density[:1], density, density[-1:]])
     # A straight stretch has no density of its own; a small one keeps the inverse of the integral defined.
     density = np.maximum(density, max(1e-3 * float(density.max()), np.finfo(np.float64).tiny))
+    density = 1.0 / _graded(1.0 / density, t)
     load = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(t))])
     blocks = max(1, int(np.ceil(load[-1])))
     for _ in range(6):
@@ -97,9 +139,11 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
     return np.asarray(times)
 
 
-def sweep_runs(poses: Sequence[tuple[Array, Array]]) -> list[Run]:
-    """The sweeps as runs of poses, named by number for messages."""
-    return [Run(f"sweep {number}", axis) for number, (_, axis) in enumerate(poses, start=1)]
+def _graded(length: Array, t: Array) -> Array:
+    """Lengths of blocks (N,) at times t (N,), none longer than given, that change by `GRADING` from block to block."""
+    rising = np.minimum.accumulate(length - GRADING * t) + GRADING * t
+    falling = (np.minimum.accumulate((length + GRADING * t)[::-1]))[::-1] - GRADING * t
+    return np.asarray(np.minimum(rising, falling))
 
 
 def block_deviation(ride: Ride, t: Array, words: Array, machine: Machine) -> Array:

@@ -51,9 +51,6 @@ class Frame:
 CAD_FRAME = Frame((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-CAD_FRAME = Frame((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
 def to_cad(frame: Frame, points: Array, vectors: Array) -> tuple[Array, Array]:
     """Points and vectors, each (N, 3), from the program's frame to the CAD frame: p = R^T (p' - t)."""
     matrix = frame.matrix
@@ -66,18 +63,49 @@ def from_cad(frame: Frame, points: Array, vectors: Array) -> tuple[Array, Array]
     return points @ matrix.T + np.array(frame.translate), vectors @ matrix.T
 
 
-def axis_of(letters: str, rotary: Array) -> Array:
+@dataclass(frozen=True, slots=True)
+class StatedAxes:
+    """Two rotary axes that a program describes: their letters, and the directions they turn the tool about."""
+
+    letters: str
+    first: tuple[float, float, float]
+    second: tuple[float, float, float]
+
+
+Axes = str | StatedAxes
+"""A pair of rotary axes: by the letters of a usual pair, or described."""
+
+
+def letters_of(axes: Axes) -> str:
+    """Letters of a pair of rotary axes, in the order of their positions."""
+    return axes.letters if isinstance(axes, StatedAxes) else axes
+
+
+def _turned(direction: tuple[float, float, float], angle: Array, vectors: Array) -> Array:
+    """Vectors (N, 3) turned by angles (N,) about a direction (any length)."""
+    about = np.array(direction) / np.linalg.norm(direction)
+    x, y, z = about
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # R = 1 + sin K + (1 - cos) K K, with K the matrix of the cross product.
+    once, twice = vectors @ cross.T, vectors @ (cross @ cross).T
+    return np.asarray(vectors + np.sin(angle)[:, None] * once + (1.0 - np.cos(angle))[:, None] * twice)
+
+
+def axis_of(letters: Axes, rotary: Array) -> Array:
     """Tool axis (tip to spindle) in part coordinates from rotary positions: t = R(first) R(second) z, table sense.
 
     Parameters
     ----------
-    letters: "AC", "BC" or "AB" (A the table, B the head); "" stands for axes at zero.
+    letters: "AC", "BC" or "AB" (A the table, B the head), or described axes; "" stands for axes at zero.
     rotary: (N, 2) radians, in the order of the letters.
 
     Source: ISO 841 sense of rotary words (tool motion relative to the part); for A/C t = (sin C sin A, -cos C sin A,
     cos A), for B/C t = (cos C sin B, sin C sin B, cos B), for A/B t = (sin B, -sin A cos B, cos A cos B).
     """
     first, second = rotary[:, 0], rotary[:, 1]
+    if isinstance(letters, StatedAxes):
+        spindle = np.tile([0.0, 0.0, 1.0], (len(rotary), 1))
+        return _turned(letters.first, first, _turned(letters.second, second, spindle))
     if letters == "AC":
         parts = (np.sin(second) * np.sin(first), -np.cos(second) * np.sin(first), np.cos(first))
     elif letters == "BC":

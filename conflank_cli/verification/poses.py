@@ -13,7 +13,7 @@ from math import radians
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.verification.kinematics import Frame, axis_of, great_circle, to_cad
+from conflank_cli.verification.kinematics import Axes, Frame, axis_of, great_circle, to_cad
 from conflank_cli.verification.program import Interpolation, Moves
 
 Array = npt.NDArray[np.float64]
@@ -45,11 +45,11 @@ class Poses:
     tip: Array
     axis: Array
     moves: Moves
-    letters: str
+    letters: Axes
     frame: Frame
 
 
-def poses_on_part(moves: Moves, letters: str, frame: Frame, tip_below_point: Array) -> Poses:
+def poses_on_part(moves: Moves, letters: Axes, frame: Frame, tip_below_point: Array) -> Poses:
     """Forward kinematics of all moves.
 
     Parameters

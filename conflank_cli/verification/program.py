@@ -10,12 +10,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from math import isnan, pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.verification.findings import Finding
-from conflank_cli.verification.kinematics import CAD_FRAME, Frame, axis_of
+from conflank_cli.verification.kinematics import CAD_FRAME, Axes, Frame, StatedAxes, axis_of, letters_of
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -47,6 +48,14 @@ class StatedTool:
 
 
 @dataclass(frozen=True, slots=True)
+class StatedRotary:
+    """A rotary axis as the program's header states it: its letter, and the direction it turns the tool about."""
+
+    letter: str
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Header:
     """What the comments of a program state, one fact a line; None or empty where they are silent."""
 
@@ -57,6 +66,7 @@ class Header:
     machine: str | None = None
     style: str | None = None
     frame: Frame | None = None
+    rotary: tuple[StatedRotary, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +93,7 @@ class Moves:
     tool: (N,) index into the program's tool calls, -1 before the first.
     joined: (N,) whether the move into the pose starts at the pose before; otherwise the way there is not known.
     interpolation: (N,) the `Interpolation` that is active.
+    called: first move and name of every stretch of moves that stands in a called program ("" in the first one).
     """
 
     point: Array
@@ -95,6 +106,15 @@ class Moves:
     tool: Integers
     joined: Flags
     interpolation: Integers
+    called: tuple[tuple[int, str], ...] = ()
+
+    def program(self, move: int) -> str | None:
+        """Name of the called program that a move stands in; None in the first one."""
+        name = ""
+        for first, called in self.called:
+            if first <= move:
+                name = called
+        return name or None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +124,14 @@ class ToolCall:
     number: int | None
     name: str | None
     block: int
+
+
+@dataclass(frozen=True, slots=True)
+class CalledProgram:
+    """A called program: the file's name, and its text."""
+
+    name: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +145,12 @@ class Program:
     moves: the poses that follow from the text.
     cuts: the labels `moves.cut` points to.
     tool_calls: the tools `moves.tool` points to.
-    letters: the rotary axes in use, e.g. "AC"; "" where it names none.
+    letters: the rotary axes in use, e.g. "AC", with their directions where the header states them; "" where it names
+        none.
     tolerance: last T (mm) and TA (degrees, None where not given) of the control's tolerance cycle, or None.
     unknown_moves: moves after a retract whose poses the text does not tell.
     findings: what is wrong or unknown.
+    called: the programs it calls that were followed.
     """
 
     name: str
@@ -128,10 +158,16 @@ class Program:
     moves: Moves
     cuts: tuple[CutLabel, ...]
     tool_calls: tuple[ToolCall, ...]
-    letters: str
+    letters: Axes
     tolerance: tuple[float, float | None] | None
     unknown_moves: int
     findings: tuple[Finding, ...]
+    called: tuple[CalledProgram, ...] = ()
+
+    @property
+    def rotary_letters(self) -> str:
+        """Letters of the columns of `moves.rotary`."""
+        return letters_of(self.letters)
 
 
 NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
@@ -154,6 +190,7 @@ class HeaderReader:
     machine: str | None = None
     style: str | None = None
     frame: Frame | None = None
+    rotary: list[StatedRotary] = field(default_factory=list)
 
     def read(self, comment: str) -> CutLabel | None:
         """Take in one comment; returns the label if it is one."""
@@ -162,11 +199,15 @@ class HeaderReader:
             return CutLabel(found[1].lower(), int(found[2]))
         if found := re.fullmatch(r"PART\s+(.*?)\s+FACE\s+([\d\s,]+)", text):
             # A long list of faces takes several lines.
-            self.part, self.faces = found[1], self.faces + tuple(int(item) for item in re.findall(r"\d+", found[2]))
+            # A called program states the same again.
+            faces = dict.fromkeys([*self.faces, *(int(item) for item in re.findall(r"\d+", found[2]))])
+            self.part, self.faces = found[1], tuple(faces)
         elif found := re.fullmatch(
             rf"TOOL\s+(\d+)\s+(.*?)\s*R_MIN\s+({NUMBER})\s+R_MAX\s+({NUMBER})\s+LENGTH\s+({NUMBER})\b.*", text
         ):
-            self.tools.append(StatedTool(int(found[1]), found[2], *(number(found[k]) for k in (3, 4, 5))))
+            tool = StatedTool(int(found[1]), found[2], *(number(found[k]) for k in (3, 4, 5)))
+            if tool not in self.tools:
+                self.tools.append(tool)
         elif found := re.fullmatch(r"REFERENCE\s+(TIP|SPHERE CENTRE)", text):
             self.reference = found[1]
         elif found := re.fullmatch(r"MACHINE\s+(\S.*)", text):
@@ -178,18 +219,38 @@ class HeaderReader:
         elif found := re.fullmatch(rf"FRAME\s+ROTATE((?:\s+{NUMBER}){{3}})\s+TRANSLATE((?:\s+{NUMBER}){{3}})", text):
             turn, shift = ([number(item) for item in found[k].split()] for k in (1, 2))
             self.frame = Frame((turn[0], turn[1], turn[2]), (shift[0], shift[1], shift[2]))
+        elif found := re.fullmatch(rf"ROTARY\s+([ABC])((?:\s+{NUMBER}){{3}})", text):
+            x, y, z = (number(item) for item in found[2].split())
+            rotary = StatedRotary(found[1], (x, y, z))
+            if rotary not in self.rotary:
+                self.rotary.append(rotary)
         return None
 
     def header(self) -> Header:
         """The facts so far."""
-        return Header(self.part, self.faces, tuple(self.tools), self.reference, self.machine, self.style, self.frame)
+        return Header(
+            self.part,
+            self.faces,
+            tuple(self.tools),
+            self.reference,
+            self.machine,
+            self.style,
+            self.frame,
+            tuple(self.rotary),
+        )
 
 
-def tilt_axes(letters: set[str]) -> str | None:
-    """The pair of rotary axes that moves, named from the letters a program uses; None where the pair is not known.
+def tilt_axes(letters: set[str], stated: tuple[StatedRotary, ...] = ()) -> Axes | None:
+    """The pair of rotary axes that moves; None where it is not known.
 
-    A single letter belongs to the table pair it is usual in: A or C to A/C, B to B/C.
+    Two axes that the header states, in the order of t = R(first) R(second) z, or else the pair named from the letters a
+    program uses. A single letter belongs to the table pair it is usual in: A or C to A/C, B to B/C.
     """
+    if stated:
+        names = "".join(rotary.letter for rotary in stated)
+        if len(stated) != 2 or len(set(names)) != 2 or not letters <= set(names):
+            return None
+        return StatedAxes(names, stated[0].direction, stated[1].direction)
     if letters <= {"A", "C"}:
         return "AC" if letters else ""
     if letters <= {"B", "C"}:
@@ -197,6 +258,13 @@ def tilt_axes(letters: set[str]) -> str | None:
     if letters <= {"A", "B"}:
         return "AB"
     return None
+
+
+Vector = tuple[float, float, float]
+_Place = tuple[float, float, float]
+_Turn = tuple[float, float]
+_UNSET, _NO_TURN = (float("nan"),) * 3, (float("nan"),) * 2
+_TURN = 2.0 * pi
 
 
 class Recorder:
@@ -207,9 +275,16 @@ class Recorder:
     without any rotary word or vector they are taken to stand at zero.
     """
 
-    def __init__(self, used: set[str], vectors: bool) -> None:
-        """Begin; `used`: rotary letters that occur anywhere in the program, `vectors`: whether axis vectors do."""
-        self.letters = tilt_axes(used)
+    def __init__(self, used: set[str], vectors: bool, stated: tuple[StatedRotary, ...] = ()) -> None:
+        """Begin.
+
+        Parameters
+        ----------
+        used: rotary letters that occur anywhere in the program.
+        vectors: whether axis vectors do.
+        stated: rotary axes of the header.
+        """
+        self.axes = tilt_axes(used, stated)
         self.findings: dict[tuple[str, str], Finding] = {}
         self.unknown_moves = 0
         self.cuts: list[CutLabel] = []
@@ -223,22 +298,32 @@ class Recorder:
         self._interpolation = Interpolation.AXIS
         self._cut = -1
         self._linear: dict[str, float | None] = {"X": None, "Y": None, "Z": None}
+        self._letters = letters_of(self.axes or "")
         # An axis that the program never names may not exist; it is taken to stand at zero.
         self._rotary: dict[str, float | None] = {
-            letter: None if letter in used or vectors else 0.0 for letter in self.letters or ""
+            letter: None if letter in used or vectors else 0.0 for letter in self._letters
         }
-        self._vector: Array | None = None if used or vectors else np.array([0.0, 0.0, 1.0])
-        self._physical: tuple[Array, Array, Array] | None = None
+        self._vector: Vector | None = None if used or vectors else (0.0, 0.0, 1.0)
+        self._physical: tuple[_Place, _Turn, Vector] | None = None
         self._retracted = False
-        self._rows: list[tuple[Array, Array, Array, float, bool, int, int, int, bool, int]] = []
+        self._program = ""
+        self._called: list[tuple[int, str]] = []
+        self._rows: list[tuple[float, ...]] = []
+
+    def enter(self, program: str) -> None:
+        """What follows stands in a called program; "" for the first one."""
+        if program != self._program:
+            self._program = program
+            self._called.append((len(self._rows), program))
 
     def find(self, code: str, text: str, block: int, key: str | None = None) -> None:
         """Note a finding; the same thing again only counts."""
-        again = self.findings.get((code, key or text))
+        key = f"{self._program} {key or text}"
+        again = self.findings.get((code, key))
         if again is None:
-            self.findings[code, key or text] = Finding(code, text, block)
+            self.findings[code, key] = Finding(code, text + (f", in {self._program}" * bool(self._program)), block)
         else:
-            self.findings[code, key or text] = Finding(code, again.text, again.block, count=again.count + 1)
+            self.findings[code, key] = Finding(code, again.text, again.block, count=again.count + 1)
 
     def label(self, label: CutLabel) -> None:
         """Open a sweep or pass, or close it; the same sweep opened again is still the same cut."""
@@ -265,8 +350,7 @@ class Recorder:
         self._tcpm = active
         self._interpolation = interpolation
         if not active and self._vector is not None and not self._rotary:
-            upright = bool(self._vector[2] == 1.0)
-            self._vector = self._vector if upright else None
+            self._vector = self._vector if self._vector[2] == 1.0 else None
 
     @property
     def controlled(self) -> bool:
@@ -275,7 +359,7 @@ class Recorder:
 
     def _upright(self) -> bool:
         if self._vector is not None:
-            return bool(self._vector[2] == 1.0)
+            return self._vector[2] == 1.0
         return bool(self._rotary) and all(value == 0.0 for value in self._rotary.values())
 
     def to_limit(self, block: int) -> None:
@@ -291,17 +375,20 @@ class Recorder:
             self._unknown("retract from a pose that is not known", block)
             return
         self._append_along(length, block, rapid)
-        point = self._rows[-1][0]
+        point = self._rows[-1]
         if self._tcpm or self._upright():
-            self._linear = {letter: float(point[k]) for k, letter in enumerate("XYZ")}
+            self._linear = {letter: point[k] for k, letter in enumerate("XYZ")}
         else:
             self._linear = {"X": None, "Y": None, "Z": None}
 
     def _append_along(self, length: float, block: int, rapid: bool) -> None:
         assert self._physical is not None
-        point, rotary, vector = self._physical
-        axis = vector if np.isfinite(vector).all() else axis_of(self.letters or "", rotary[None])[0]
-        self._append(point + length * axis, rotary, vector, rapid, block)
+        (x, y, z), rotary, vector = self._physical
+        if isnan(vector[0]):
+            i, j, k = axis_of(self.axes or "", np.array([rotary]))[0].tolist()
+        else:
+            i, j, k = vector
+        self._append((x + length * i, y + length * j, z + length * k), rotary, vector, rapid, block)
 
     def machine_move(self, words: Mapping[str, float | None], block: int) -> None:
         """A block in machine coordinates: where it leads is not known in the part's."""
@@ -328,15 +415,20 @@ class Recorder:
     def move(
         self,
         words: Mapping[str, float | None],
-        vector: Array | None,
+        vector: Vector | None,
         rapid: bool,
         block: int,
     ) -> None:
         """A straight move. Words by letter in mm or radians, with a leading I for increments; None: value unknown."""
+        linear, rotary = self._linear, self._rotary
         for word, value in words.items():
             letter = word[-1]
-            store = self._linear if letter in self._linear else self._rotary
-            if letter not in store:
+            if letter in linear:
+                store = linear
+            elif letter in rotary:
+                store = rotary
+                self._vector = None
+            else:
                 continue
             before = store[letter]
             if value is None:
@@ -345,25 +437,15 @@ class Recorder:
                 if before is None:
                     self.find("CF105", f"increment {word} from a position that is not known", block)
                 store[letter] = None if before is None else before + value
-            elif letter in self._rotary and self.shortest_way and before is not None:
-                turn = (value - before + np.pi) % (2.0 * np.pi) - np.pi
-                store[letter] = before + (np.pi if turn == -np.pi and value > before else turn)
+            elif self.shortest_way and before is not None and store is rotary:
+                turn = (value - before + pi) % _TURN - pi
+                store[letter] = before + (pi if turn == -pi and value > before else turn)
             else:
                 store[letter] = value
-        if any(word[-1] in self._rotary for word in words):
-            self._vector = None
         if vector is not None:
-            length = float(np.linalg.norm(vector))
-            if abs(length - 1.0) > _VECTOR_TOLERANCE:
-                self.find("CF109", f"tool vector of length {length:.4f}", block, "tool vector")
-            if not self._tcpm:
-                self.find("CF113", "tool vector without M128 or FUNCTION TCPM", block)
-            self._vector = vector / length if length > 0.0 else None
-            self._rotary = dict.fromkeys(self._rotary)
-        point = [self._linear[letter] for letter in "XYZ"]
-        angles = [self._rotary[letter] for letter in self._rotary]
-        orientation_known = self._vector is not None or (bool(angles) and all(angle is not None for angle in angles))
-        if self.letters is None or self.foreign_frame:
+            self._point_along(vector, block)
+        x, y, z = linear.values()
+        if self.axes is None or self.foreign_frame:
             self._physical = None
             self.unknown_moves += 1
             if self.foreign_frame:
@@ -373,43 +455,51 @@ class Recorder:
             self._physical = None
             self.find("CF108", "rotary words under AXIS SPAT are spatial angles, which are not followed", block)
             return
-        if any(value is None for value in point) or not orientation_known or not (self._tcpm or self._upright()):
+        known = self._vector is not None or (bool(rotary) and None not in rotary.values())
+        if x is None or y is None or z is None or not known or not (self._tcpm or self._upright()):
             self._unknown("the pose does not follow from the text (no tool centre point control, or no retract)", block)
             return
-        unset = np.full(3, np.nan)
-        rotary, axis = np.full(2, np.nan), unset
-        if self._vector is not None:
-            axis = self._vector
-        else:
-            rotary = np.array([self._rotary[letter] for letter in self.letters], dtype=np.float64)
         if self._physical is None and not self._retracted:
             self.find("CF105", "the way to the first pose is not known, and no retract comes before it", block)
-        self._append(np.array(point, dtype=np.float64), rotary, axis, rapid, block)
+        if self._vector is not None:
+            self._append((x, y, z), _NO_TURN, self._vector, rapid, block)
+        else:
+            first, second = rotary.values()
+            self._append((x, y, z), (first or 0.0, second or 0.0), _UNSET, rapid, block)
 
-    def _append(self, point: Array, rotary: Array, axis: Array, rapid: bool, block: int) -> None:
+    def _point_along(self, vector: Vector, block: int) -> None:
+        x, y, z = vector
+        length = sqrt(x * x + y * y + z * z)
+        if abs(length - 1.0) > _VECTOR_TOLERANCE:
+            self.find("CF109", f"tool vector of length {length:.4f}", block, "tool vector")
+        if not self._tcpm:
+            self.find("CF113", "tool vector without M128 or FUNCTION TCPM", block)
+        self._vector = (x / length, y / length, z / length) if length > 0.0 else None
+        self._rotary.update(dict.fromkeys(self._rotary))
+
+    def _append(self, point: _Place, rotary: _Turn, axis: Vector, rapid: bool, block: int) -> None:
         joined = self._physical is not None
         feed = float("nan") if rapid else self.feed
-        if not rapid and joined and np.isnan(feed):
+        if not rapid and joined and feed != feed:
             self.find("CF112", "cutting move without a feed", block)
         tool = len(self.tool_calls) - 1
-        mode = int(self._interpolation)
-        self._rows.append((point, rotary, axis, feed, rapid, block, self._cut, tool, joined, mode))
+        self._rows.append((*point, *rotary, *axis, feed, rapid, block, self._cut, tool, joined, self._interpolation))
         self._physical = (point, rotary, axis)
         self._retracted = False
 
     def moves(self) -> Moves:
         """The poses so far."""
-        rows = self._rows
-        count = len(rows)
+        table = np.array(self._rows, dtype=np.float64).reshape(len(self._rows), 15)
         return Moves(
-            point=np.array([row[0] for row in rows], dtype=np.float64).reshape(count, 3),
-            rotary=np.array([row[1] for row in rows], dtype=np.float64).reshape(count, 2),
-            vector=np.array([row[2] for row in rows], dtype=np.float64).reshape(count, 3),
-            feed=np.array([row[3] for row in rows], dtype=np.float64),
-            rapid=np.array([row[4] for row in rows], dtype=np.bool_),
-            block=np.array([row[5] for row in rows], dtype=np.int64),
-            cut=np.array([row[6] for row in rows], dtype=np.int64),
-            tool=np.array([row[7] for row in rows], dtype=np.int64),
-            joined=np.array([row[8] for row in rows], dtype=np.bool_),
-            interpolation=np.array([row[9] for row in rows], dtype=np.int64),
+            point=np.ascontiguousarray(table[:, 0:3]),
+            rotary=np.ascontiguousarray(table[:, 3:5]),
+            vector=np.ascontiguousarray(table[:, 5:8]),
+            feed=table[:, 8].copy(),
+            rapid=table[:, 9] > 0.0,
+            block=table[:, 10].astype(np.int64),
+            cut=table[:, 11].astype(np.int64),
+            tool=table[:, 12].astype(np.int64),
+            joined=table[:, 13] > 0.0,
+            interpolation=table[:, 14].astype(np.int64),
+            called=tuple(self._called),
         )

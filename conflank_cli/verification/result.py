@@ -30,6 +30,7 @@ class Place(Struct, frozen=True):
     block: block number; None where no pose comes near.
     share: how much of the block's way is done.
     pose: the cutter there.
+    program: the called program that the block stands in; None for the program itself.
     """
 
     point: Triple
@@ -37,6 +38,7 @@ class Place(Struct, frozen=True):
     block: int | None = None
     share: float | None = None
     pose: Pose | None = None
+    program: str | None = None
 
 
 class GapFigures(Struct, frozen=True):
@@ -113,6 +115,7 @@ class Verification(Struct, frozen=True):
         program does not set it.
     unknown_moves: moves after a retract, whose poses the text does not tell (positioning off the part).
     findings: what is wrong; empty for a program that may run.
+    called_sha256: hash of each program that it calls, by name of file; they are judged with it.
     """
 
     program: str
@@ -134,6 +137,7 @@ class Verification(Struct, frozen=True):
     control_tolerance_um: float | None
     unknown_moves: int
     findings: tuple[Finding, ...]
+    called_sha256: dict[str, str] = {}
     schema: str = SCHEMA
     schema_version: int = SCHEMA_VERSION
 

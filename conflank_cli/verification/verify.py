@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import radians
 
@@ -141,7 +142,7 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
         own = drawer[0]
         if (
             max(abs(own.r_min - size.r_min), abs(own.r_max - size.r_max), abs(own.length - size.length)) > _SAME_TOOL
-            or own.number != size.number
+            or scene.job.program.tool_numbers.get(own.name, own.number) != size.number
         ):
             findings.append(
                 Finding("CF110", f"{label} {size.name} is another than the job's tool of that name", call.block)
@@ -271,6 +272,7 @@ def _place(poses: Poses, point: Array, face: int, move: int, share: float) -> Pl
         int(poses.moves.block[move]),
         round(share, 6),
         Pose(_triple(np.round(tips[0], 6)), _triple(np.round(axes[0], 9))),
+        poses.moves.program(move),
     )
 
 
@@ -295,6 +297,11 @@ def _contact_length(poses: Poses, moves: Integers) -> float:
     return float(np.linalg.norm(poses.tip[joined] - poses.tip[joined - 1], axis=1).sum())
 
 
+def _of_program(poses: Poses, move: int) -> str:
+    program = poses.moves.program(move)
+    return "" if program is None else f" of {program}"
+
+
 def _worst_gouges(
     gap: Array, swept: _Swept, sample_of: Integers, poses: Poses, points: Array, faces: list[int], limit: float
 ) -> list[Finding]:
@@ -309,7 +316,8 @@ def _worst_gouges(
         findings.append(
             Finding(
                 "CF201",
-                f"gouge of {-1000.0 * gap[worst]:.1f} um in face {faces[face]}, block {block}",
+                f"gouge of {-1000.0 * gap[worst]:.1f} um in face {faces[face]}, block {block}"
+                + _of_program(poses, int(swept.move[worst])),
                 block,
                 _triple(np.round(points[worst], 6)),
                 _micrometres(-gap[worst]),
@@ -374,7 +382,8 @@ def _clearance(
         findings.append(
             Finding(
                 code,
-                f"{pick} {amount:.3f} mm from {target}, {limit:.3f} mm {advice}, block {block}",
+                f"{pick} {amount:.3f} mm from {target}, {limit:.3f} mm {advice}, block {block}"
+                + _of_program(poses, move),
                 block,
                 _triple(np.round(sample.points[n], 6)),
                 round(amount, 6),
@@ -510,8 +519,18 @@ def _step(samples: list[FaceSample], swept: _Swept, covered: npt.NDArray[np.bool
     return float(every.max()) if len(every) else None
 
 
-def verify_program(text: str, scene: Scene, name: str = "", points_per_face: int = POINTS_PER_FACE) -> Verification:
-    """Judge a conversational program.
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def verify_program(
+    text: str,
+    scene: Scene,
+    name: str = "",
+    points_per_face: int = POINTS_PER_FACE,
+    called: Callable[[str], str | None] | None = None,
+) -> Verification:
+    """Judge a program.
 
     Parameters
     ----------
@@ -519,13 +538,14 @@ def verify_program(text: str, scene: Scene, name: str = "", points_per_face: int
     scene: the job and its geometry; its tools give shank and holder, its [setup] the frame the header should state.
     name: name of the program's file, for the record.
     points_per_face: points at which each design face is judged, about.
+    called: from the name of a file to the text of a program that this one calls; None where there is none.
 
     Returns
     -------
     The judgement, of all copies together where the job's [setup] has several. It never repairs, and it takes nothing
     for known that the text does not say: what it had to take from the job instead is a finding.
     """
-    program = read_program(text)
+    program = read_program(text, called)
     findings = list(program.findings)
     tools, found = _tools_of(program, scene)
     findings += found
@@ -538,7 +558,7 @@ def verify_program(text: str, scene: Scene, name: str = "", points_per_face: int
     if program.header.reference == "SPHERE CENTRE":
         radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
         below = radii[moves.tool]
-    digest = hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+    digest = _digest(text)
     copies = scene.job.setup.copies
     if copies.order == (0,):
         poses = poses_on_part(moves, program.letters, frame, below)
@@ -645,6 +665,7 @@ def _judge(
     return Verification(
         program=name or program.name,
         program_sha256=digest,
+        called_sha256={part.name: _digest(part.text) for part in program.called},
         judged={
             "interpolation": "worse of great circle and even rotary motion",
             "tools": ", ".join(sorted({tool.name for tool in used})),

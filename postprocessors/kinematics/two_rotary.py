@@ -41,6 +41,10 @@ RANGE_SLACK = 1e-9
 """Radians by which an angle may pass a limit before it counts: rounding."""
 
 
+class WindingError(PostError):
+    """Poses that the machine can take one by one, but not one after the other without leaving the part."""
+
+
 class Solutions(NamedTuple):
     """Both solutions for a sequence of tool axes.
 
@@ -134,6 +138,17 @@ def within_range(machine: Machine, axis: Array) -> Flags:
                 inside &= within | singular if column == 0 else within
         found |= inside
     return found
+
+
+def tilt_all_round(machine: Machine) -> int:
+    """Largest tilt of the tool off the spindle direction, whole degrees, up to which every orientation is in range."""
+    azimuth = np.radians(np.arange(360.0))
+    for tilt in range(181):
+        sine, cosine = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
+        axis = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.full(360, cosine)], axis=1)
+        if not within_range(machine, axis).all():
+            return tilt - 1
+    return 180
 
 
 def _hold(angle: Array, singular: Flags) -> Array:
@@ -312,6 +327,48 @@ def choose_words(machine: Machine, runs: Sequence[Run]) -> list[Array]:
     return words
 
 
+def legs(machine: Machine, run: Run) -> list[tuple[int, int]]:
+    """First and last pose of the pieces, as few as can be, in which the machine can run through a sequence of poses.
+
+    Between two pieces the tool leaves, the rotary axes unwind, and it comes back to the pose where it left: each piece
+    begins with the last pose of the one before. Whatever can be run through can be so in part, so that the longest
+    piece from the start, then the longest from there, and so on makes the fewest.
+
+    Raises
+    ------
+    PostError: a pose is out of reach or out of range.
+    WindingError: two poses next to each other have no way between them.
+    """
+    found: list[tuple[int, int]] = []
+    first, end = 0, len(run.axis) - 1
+    while not found or found[-1][1] < end:
+        last = end
+        if not runs_through(machine, Run(run.label, run.axis[first:])):
+            good, bad = first, end
+            while bad - good > 1:
+                middle = (good + bad) // 2
+                if runs_through(machine, Run(run.label, run.axis[first : middle + 1])):
+                    good = middle
+                else:
+                    bad = middle
+            if good == first:
+                choose_words(machine, [Run(run.label, run.axis[first : first + 2])])
+            # Between two poses an angle may pass a little beyond both: one pose of distance from the limit.
+            last = good - 1 if good > first + 1 else good
+        found.append((first, last))
+        first = last
+    return found
+
+
+def runs_through(machine: Machine, run: Run) -> bool:
+    """Whether the machine can run through poses, each of which it can take, without leaving the part."""
+    try:
+        choose_words(machine, [run])
+    except WindingError:
+        return False
+    return True
+
+
 def _out_of_range(
     machine: Machine, run: Run, segments: list[_Segment], position: int, low: Array, high: Array
 ) -> PostError:
@@ -339,7 +396,7 @@ def _out_of_range(
             " ".join(f"{r.letter}{word:+.4f}" for r, word in zip(machine.rotary, words, strict=True)) for words in both
         )
         return PostError(f"{run.label}, pose {segment.first + pose + 1}", found, ", ".join(limited), turn)
-    return PostError(
+    return WindingError(
         f"{run.label}, pose {segment.first + 1} and after",
         "no way through without unwinding a rotary axis",
         ", ".join(limited) or "a continuous motion",

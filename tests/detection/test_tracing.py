@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, sin
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.linalg import eigh
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import SeedLines, seed_lines
 from conflank_cli.detection.settling import settle
-from conflank_cli.detection.tracing import SPHERES, STEP, Sequence, Traced, sphere_heights, trace
+from conflank_cli.detection.tracing import SPHERES, STEP, WAVE, Sequence, Traced, sphere_heights, trace
 from conflank_cli.geometry.footpoint import CLAMPED, FAILED
 from conflank_cli.geometry.kernels.axis import SETTLED, axis_errors, refine_line, sweep_direction
 from conflank_cli.geometry.kernels.cells import mark_cells
@@ -194,6 +195,25 @@ def test_tracing_covers_a_face_that_the_tool_cuts_exactly(exact: tuple[Tool, flo
     angle = np.unwrap(np.arctan2(middle[:, 1], middle[:, 0]))
     assert np.all(np.diff(angle) > 0.0) or np.all(np.diff(angle) < 0.0)
     assert angle.min() < -0.55 and angle.max() > 0.55
+
+
+def test_a_line_met_on_the_way_of_another_is_not_followed_again() -> None:
+    """Generators of a cylinder side by side, twice as many as are traced together; one sweep runs through all."""
+    surface = round_face(RADIUS, 0.0, 20.0)
+    face = work(surface, 1, 8.0)
+    angles = np.linspace(-0.5, 0.5, 2 * WAVE)
+    lines = [touching(CYLINDER, 0.0, angle, -1.0) for angle in angles]
+    p, d = (np.array([line[k] for line in lines]) for k in range(2))
+    uv = np.stack([angles, np.full(len(angles), 9.0)], axis=1)
+    count = len(angles)
+    seeds = SeedLines(p, d, uv, np.full(count, 10.0), np.arange(count), np.zeros(count))
+    screen = Screen.of(scene_of(design(surface, 1), tools=(CYLINDER,)))
+    traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, Limits(0.01, 0.01))
+    assert len(traced.sequences) == WAVE
+    # A line that stands a millimetre higher is another sweep.
+    higher = replace(seeds, p=np.where(np.arange(count)[:, None] % 2 == 0, p, p + np.array([0.0, 0.0, 1.0])))
+    both = trace(face, CYLINDER, higher, face.samples(1.0), screen, Limits(0.01, 0.01))
+    assert {round(float(s.p[0, 2])) for s in both.sequences} == {-1, 0}
 
 
 def test_allowance_keeps_the_sequence_that_far_off() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -32,6 +33,7 @@ from conflank_cli.geometry.screening import (
 from conflank_cli.job import Machine, Setup
 from conflank_cli.motion import Motion, fitted, uniform_knots
 from conflank_cli.tool import CATALOGUE, Section, Tool
+from postprocessors.machines import machine as machines
 from tests.verification.scenes import plane_face, scene_of, triangles_of
 
 TOOL = Tool("C", 3.0, 3.0, 20.0, (Section(5.0, 5.0, 15.0),), (Section(16.0, 24.0, 20.0),))
@@ -241,28 +243,8 @@ def test_axes_out_of_reach_are_trimmed_off() -> None:
     d = np.stack([np.zeros(40), np.sin(angle * np.radians(60.0)), np.cos(angle * np.radians(60.0))], axis=1)
     motion = fitted(t, np.hstack([p, p + TOOL.length * d]), 10)
     scene = scene_of(PLATE, tools=(TOOL,))
-    machine = """
-        name = "narrow"
-        max_feed_mm_min = 10000.0
-        block_time_ms = 3.6
-        [travel_mm]
-        x = [-400.0, 400.0]
-        y = [-300.0, 300.0]
-        z = [-100.0, 500.0]
-        [[rotary]]
-        letter = "C"
-        vector = [0.0, 0.0, 1.0]
-        carried_by = "table"
-        max_speed_deg_min = 18000.0
-        output = "modulo"
-        [[rotary]]
-        letter = "A"
-        vector = [1.0, 0.0, 0.0]
-        carried_by = "table"
-        range_deg = [-30.0, 30.0]
-        max_speed_deg_min = 9000.0
-        output = "continuous"
-    """
+    shipped = Path(machines.__file__).with_name("ac-table.toml").read_text("utf-8")
+    machine = shipped.replace("[-120.0, 30.0]", "[-30.0, 30.0]")
     job = msgspec.structs.replace(scene.job, machine=Machine(file="narrow.toml", definition=machine))
     allowed = Screen.of(replace(scene, job=job)).allowed(motion, TOOL)
     assert allowed is not None

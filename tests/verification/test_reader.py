@@ -7,9 +7,10 @@ from math import cos, radians, sin, sqrt
 import numpy as np
 import pytest
 
+from conflank_cli.verification.conversational import split_blocks
 from conflank_cli.verification.kinematics import axis_of
 from conflank_cli.verification.program import CutLabel, Interpolation, StatedTool
-from conflank_cli.verification.reader import read_program, split_blocks
+from conflank_cli.verification.reader import read_program
 from tests.verification.scenes import TCPM, program
 
 
@@ -145,8 +146,14 @@ KNOWN = ["L A-30 C+0 R0 FMAX", TCPM, "L X+0 Y+0 Z+0 A-30 C+0 R0 FMAX"]
     ("body", "code"),
     [
         ([*KNOWN, "L X+Q1 F100"], "CF102"),
-        ([*KNOWN, "LBL 1"], "CF102"),
-        ([*KNOWN, "CALL LBL 1 REP 3"], "CF102"),
+        ([*KNOWN, "CALL LBL 1 REP 3"], "CF109"),
+        ([*KNOWN, "CALL LBL 1 REP 3", "LBL 1"], "CF109"),
+        ([*KNOWN, "LBL 1", "CALL LBL Q1"], "CF102"),
+        ([*KNOWN, "CALL LBL 1", "M30", "LBL 1", "L X+1 F100"], "CF109"),
+        ([*KNOWN, "CALL LBL 1", "M30", "LBL 1", "CALL LBL 1", "LBL 0"], "CF102"),
+        ([*KNOWN, "FN 9: IF +Q1 EQU +2 GOTO LBL 1"], "CF102"),
+        ([*KNOWN, "CALL PGM OTHER"], "CF102"),
+        ([*KNOWN, "L A+1 B+1 C+1 F100"], "CF108"),
         ([*KNOWN, "Q1 = +5"], "CF102"),
         ([*KNOWN, "FN 0: Q1 = +5"], "CF102"),
         ([*KNOWN, "CC X+0 Y+0"], "CF102"),
@@ -192,7 +199,7 @@ def test_a_program_cut_off_is_a_finding() -> None:
 
 
 def test_the_same_finding_again_only_counts() -> None:
-    (finding,) = read_program(program([*KNOWN, "LBL 1", "LBL 0"])).findings
+    (finding,) = read_program(program([*KNOWN, "CC X+0 Y+0", "CC X+0 Y+0"])).findings
     assert (finding.count, finding.block) == (2, 16)
 
 
@@ -211,3 +218,92 @@ def test_the_same_finding_again_only_counts() -> None:
 )
 def test_rotary_axes(letters: str, words: tuple[float, float], axis: tuple[float, float, float]) -> None:
     assert axis_of(letters, np.radians([words]))[0] == pytest.approx(axis, abs=1e-12)
+
+
+# --- labels and called programs -------------------------------------------------------------------------------------
+
+
+def test_a_program_section_is_repeated() -> None:
+    """With incremental steps and a repetition within a repetition, as facing programs have them."""
+    body = [*KNOWN, "LBL 1", "LBL 2", "L IX+1 F100", "CALL LBL 2 REP 2/2", "L IY+5", "CALL LBL 1 REP 1", "L Z+9"]
+    read = read_program(program(body))
+    assert read.findings == ()
+    points = read.moves.point.tolist()
+    assert points == [
+        [0, 0, 0],
+        *([k, 0, 0] for k in (1, 2, 3)),
+        [3, 5, 0],
+        *([k, 5, 0] for k in (4, 5, 6)),
+        [6, 10, 0],
+        [6, 10, 9],
+    ]
+
+
+def test_subprograms_after_the_end_are_run_where_they_are_called() -> None:
+    body = [*KNOWN, "CALL LBL 5", 'CALL LBL "UP"', "CALL LBL 05", "L Z+9 F100 M30"]
+    body += ["LBL 5", "L IX+1 F100", "LBL 0", 'LBL "UP"', "L IZ+1 F100", "LBL 0"]
+    read = read_program(program(body))
+    assert read.findings == ()
+    assert read.moves.point.tolist() == [[0, 0, 0], [1, 0, 0], [1, 0, 1], [2, 0, 1], [2, 0, 9]]
+
+
+MAIN = program(["CALL PGM TNC:\\BLADES\\ONE.H", "CALL PGM TWO"])
+PARTS = {
+    "ONE.H": program(["M129", *KNOWN, "; SWEEP 1", "L X+5 F100", "; RETRACT 1", "M129", "L M140 MB MAX"]),
+    "TWO.H": program(["M129", *KNOWN, "; SWEEP 2", "L X-5 F100", "; RETRACT 2", "M129", "L M140 MB MAX"]),
+}
+PARTS = {name: text.replace("M30", "M9") for name, text in PARTS.items()}
+
+
+def test_called_programs_are_followed() -> None:
+    read = read_program(MAIN, PARTS.get)
+    assert read.findings == ()
+    assert [cut.number for cut in read.cuts] == [1, 2]
+    assert read.header.faces == (0,) and len(read.header.tools) == 1
+    assert {part.name: part.text for part in read.called} == PARTS
+    cut = read.moves.cut.tolist()
+    assert read.moves.program(cut.index(0)) == "ONE.H" and read.moves.program(cut.index(1)) == "TWO.H"
+    assert len(read.moves.cut) == 6
+    # Block numbers are those of the called program.
+    assert read.moves.block[cut.index(1)] == read.moves.block[cut.index(0)]
+
+
+@pytest.mark.parametrize(
+    ("parts", "code", "words"),
+    [
+        ({"ONE.H": PARTS["ONE.H"]}, "CF102", "no TWO.H beside"),
+        ({"ONE.H": PARTS["ONE.H"].replace("M9", "M30"), "TWO.H": PARTS["TWO.H"]}, "CF109", "called program, in ONE.H"),
+        ({"ONE.H": PARTS["ONE.H"].replace("M9", "CALL PGM ONE"), "TWO.H": PARTS["TWO.H"]}, "CF102", "in a circle"),
+    ],
+)
+def test_calls_that_do_not_work_are_findings(parts: dict[str, str], code: str, words: str) -> None:
+    (finding,) = read_program(MAIN, parts.get).findings
+    assert finding.code == code and words in finding.text
+
+
+def test_what_follows_a_call_that_is_not_followed_is_not_taken_for_known() -> None:
+    read = read_program(program([*KNOWN, "CALL PGM ELSEWHERE", "L X+1 F100"]))
+    assert len(read.moves.block) == 1
+
+
+# --- speed and equality ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("feed", ["", " F250", " FMAX", " R0 FMAX"])
+@pytest.mark.parametrize("words", ["X+1.5 Y-2 Z+.25 A-30 C+10", "Y+7", "C+370", "X1,5 A-,5", "Z-0.0001"])
+def test_usual_blocks_are_read_as_any_other(words: str, feed: str) -> None:
+    """A harmless M function at the end takes a block off the quick way; both must lead to the same pose."""
+    first = ["L A-30 C+0 R0 FMAX", TCPM, "L X+0 Y+0 Z+0 A-30 C+0 R0 FMAX"]
+    quick, slow = (read_program(program([*first, f"L {words}{feed}{end}"])) for end in ("", " M8"))
+    for name in ("point", "rotary", "feed", "rapid", "block", "joined"):
+        np.testing.assert_array_equal(getattr(quick.moves, name), getattr(slow.moves, name))
+    assert quick.findings == slow.findings
+
+
+def test_described_axes() -> None:
+    """A nutating head: t = R(C about z) R(B about (0, 1, 1)) z; B180 lays the spindle down."""
+    head = ["; REFERENCE TIP", "; ROTARY C 0 0 1", "; ROTARY B 0 0.5 0.5", "; MACHINE m", "; FRAME CAD"]
+    body = ["L B+180 C+90 R0 FMAX", TCPM, "L X+0 Y+0 Z+0 B+180 C+90 R0 FMAX"]
+    read = read_program(program(body, head))
+    assert axis_of(read.letters, read.moves.rotary)[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-12)
+    assert "CF108" in codes(program([*body, "L A+1"], head))

@@ -302,6 +302,35 @@ def line_quality(error, on, tolerance_over, tolerance_under):
     return there, good, worst
 
 
+@njit(cache=True, parallel=True)
+def refine_all(
+    breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, over, under, faded, found
+):
+    """`refine_line` for every seed on all cores, in place, from a coarse scale to that of tracing.
+
+    p, d (N, 3), start (N,) the sphere that touches, u, v (N,) its foot; found (N,) says which lines fit well enough to
+    be followed.
+    """
+    count = heights.shape[0]
+    for k in prange(p.shape[0]):
+        feet_u = np.empty(count)
+        feet_v = np.empty(count)
+        error = np.empty(count)
+        normal = np.empty((count, 3))
+        on = np.empty(count)
+        feet_u[start[k]] = u[k]
+        feet_v[start[k]] = v[k]
+        found[k] = False
+        if refine_line(
+            breaks_u, breaks_v, coefficients, box, sense, raster, p[k], d[k], heights, radii, start[k],
+            feet_u, feet_v, error, normal, on, 20.0 * under, faded * under, 10, 1e-3,
+        ):  # fmt: skip
+            there, good, worst = line_quality(error, on, over, under)
+            found[k] = there >= 4 and good >= 0.3 * there and good >= 4 and worst >= -1.5 * over
+        u[k] = feet_u[start[k]]
+        v[k] = feet_v[start[k]]
+
+
 @njit(cache=True)
 def trace_line(
     breaks_u,
@@ -328,7 +357,7 @@ def trace_line(
     sequence_v,
     sequence_on,
 ):
-    """Refine a line and follow it over the face both ways by prediction and correction.
+    """Follow a line of `refine_all` over the face both ways by prediction and correction.
 
     The line is moved `step` mm along the direction that changes the axis error least, refined, and kept while enough of
     it is within tolerance; it ends where it leaves the face, loses tolerance, or turns back. The last lines just off
@@ -352,34 +381,10 @@ def trace_line(
     v[start] = v0
     scale = faded * under
     length = heights[count - 1] - heights[0]
-    found = refine_line(
-        breaks_u,
-        breaks_v,
-        coefficients,
-        box,
-        sense,
-        raster,
-        p,
-        d,
-        heights,
-        radii,
-        start,
-        u,
-        v,
-        error,
-        normal,
-        on,
-        20.0 * under,
-        scale,
-        10,
-        1e-3,
+    axis_errors(
+        breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
     )
     centre = room // 2
-    if not found:
-        return centre, centre
-    there, good, worst = line_quality(error, on, over, under)
-    if there < 4 or good < 0.3 * there or good < 4 or worst < -1.5 * over:
-        return centre, centre
     first_p = p.copy()
     first_d = d.copy()
     first_u = u.copy()
@@ -512,7 +517,7 @@ def trace_all(
     sequence_on,
     spans,
 ):
-    """`trace_line` for every seed on all cores; spans (N, 2) gets the rows used."""
+    """`trace_line` for every line on all cores; spans (N, 2) gets the rows used."""
     for k in prange(p.shape[0]):
         low, high = trace_line(
             breaks_u,
