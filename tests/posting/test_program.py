@@ -3,6 +3,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.interpolate import make_lsq_spline
@@ -376,6 +377,20 @@ def test_a_sweep_beyond_a_range_is_left_and_taken_up_again_at_the_same_pose() ->
     assert min(np.abs(ends - tip[[0, -1]]).max(), np.abs(ends - tip[[-1, 0]]).max()) < 0.01
     for visit in visits_with_words(machine, path):
         assert np.abs(visit.words[:, 0]).max() <= 181.0 + 1e-9
+
+    # In the text the axis unwinds while the tool is fully retracted and TCPM is off.
+    job = parse_job(JOB.encode(), "job.toml", Path())
+    text = (Path(machines.__file__).parent / "ac-table.toml").read_text("utf-8")
+    definition = text.replace('output = "modulo"', 'output = "continuous"\nrange_deg = [-181.0, 181.0]')
+    job = msgspec.structs.replace(job, machine=msgspec.structs.replace(job.machine, definition=definition))
+    program, _ = post_program(replace(scene_of(), job=job), [turning])
+    assert program.count("; SWEEP 1") == program.count("L M140 MB MAX") - 1 == len(parts)
+    words = [float(word) for word in re.findall(r" C([+-][0-9.]+)", program)]
+    assert max(np.abs(words)) <= 181.0
+    jumps = [k for k, (a, b) in enumerate(pairwise(words)) if abs(b - a) > 90.0]
+    lines = [line for line in program.splitlines() if re.search(r" C[+-]", line)]
+    assert len(jumps) == len(parts) - 1
+    assert all(" X" not in lines[k + 1] for k in jumps)
 
 
 def test_a_program_that_does_not_fit_the_travel_is_not_written() -> None:
