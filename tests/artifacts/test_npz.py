@@ -102,7 +102,7 @@ def test_what_a_plan_covers_comes_back_as_it_went(tmp_path: Path) -> None:
     for sweep, reason in ((2, 1), (-1, 99)):
         wrong = [coverage[0], replace(coverage[1], sweep=np.full(50, sweep), reason=np.full(50, reason))]
         with pytest.raises(InputError, match="contradict"):
-            decode_coverage(encode_artifact("plan", scene, sweeps, {}, wrong), "a.npz")
+            decode_coverage(encode_artifact("plan", scene, sweeps, {}, coverage=wrong), "a.npz")
 
 
 motions = st.integers(4, 12).flatmap(
