@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import chain, combinations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -46,7 +47,8 @@ def test_price_and_bound_against_all_choices(seed: int, count: int, goal: float,
     reaching = [choice for choice in every_choice(count) if share_covered(covers, areas, choice) >= goal - ROUNDING]
     least = min(price.of(choice, 0.0) for choice in reaching)
     assert share_covered(covers, areas, found.chosen) >= goal - ROUNDING
-    assert found.price == price.of(found.chosen, 0.0) <= price.of(greedy, 0.0)
+    assert found.price == pytest.approx(price.of(found.chosen, 0.0), rel=1e-12)
+    assert found.price <= price.of(greedy, 0.0) + 1e-9
     assert least - 1e-9 <= found.price <= least + step * priced + 1e-9
     assert found.price - step - 1e-6 <= found.bound <= least + 1e-6
     assert priced or found.gap == 0.0
