@@ -11,9 +11,9 @@ from conflank_cli.errors import InputError
 from conflank_cli.machine_frame import Frame
 from conflank_cli.posting import plan_to_toolpath, post_program
 from conflank_cli.posting.ride import PassRide, great_circle
-from conflank_cli.posting.spacing import CHORD_TOLERANCE, block_deviation, cut_runs, space_blocks
+from conflank_cli.posting.spacing import CHORD_TOLERANCE, block_deviation, space_blocks
 from conflank_cli.tool import CATALOGUE
-from postprocessors.kinematics.two_rotary import choose_words
+from postprocessors.kinematics.two_rotary import Run, choose_words
 from postprocessors.toolpath import Purpose
 from tests.posting.test_program import AC, scene_of, stretches_of, upright
 
@@ -63,9 +63,9 @@ def test_nothing_to_cut_is_refused() -> None:
 def test_both_ways_of_the_axis_stay_on_the_pass() -> None:
     """Few poses, far apart: blocks are added until words and great circle differ by no more than posting may cost."""
     ride = PassRide.of(pass_of(6, turn=0.6), T1, Frame(np.eye(3), np.zeros(3), "CAD"))
-    (times,) = space_blocks([ride], AC)
+    (times,) = space_blocks([ride], AC, ["pass 1"], [(np.zeros((0, 3)), np.zeros((0, 3)))])
     assert len(times) > 6
-    words = choose_words(AC, cut_runs([ride], [ride.poses(times)]))[0]
+    words = choose_words(AC, [Run("pass 1", ride.poses(times)[1])])[0]
     assert block_deviation(ride, times, words, AC).max() <= CHORD_TOLERANCE
 
 
