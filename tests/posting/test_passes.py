@@ -63,8 +63,7 @@ def test_nothing_to_cut_is_refused() -> None:
 def test_both_ways_of_the_axis_stay_on_the_pass() -> None:
     """Few poses, far apart: blocks are added until words and great circle differ by no more than posting may cost."""
     ride = PassRide.of(pass_of(6, turn=0.6), T1, Frame(np.eye(3), np.zeros(3), "CAD"))
-    none = np.zeros((0, 3))
-    (times,) = space_blocks([ride], AC, ["pass 1"], [(none, none)])
+    (times,) = space_blocks([ride], AC, ["pass 1"], [(np.zeros((0, 3)), np.zeros((0, 3)))])
     assert len(times) > 6
     words = choose_words(AC, [Run("pass 1", ride.poses(times)[1])])[0]
     assert block_deviation(ride, times, words, AC).max() <= CHORD_TOLERANCE
