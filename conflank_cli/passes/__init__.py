@@ -161,12 +161,14 @@ class _FaceJob:
         centre, axis = path.centre[kept], axis[kept]
         apart = np.linalg.norm(np.diff(centre, axis=0), axis=1)
         cuts = np.flatnonzero((np.diff(kept) > 1) & (apart > BRIDGE))
+        # Between poses half a millimetre apart a ball stays on the face it touches; all else may stand anywhere.
+        others = replace(collider, bodies=tuple(body for body in collider.bodies if body.name != "design face"))
         passes = []
         for piece in np.split(np.arange(len(kept)), cuts + 1):
             if len(piece) < 2:
                 continue
             p = centre[piece] - self.tool.ball_centre_height * axis[piece]
-            for start, end in collider.path(p, axis[piece], self.tool).free:
+            for start, end in others.path(p, axis[piece], self.tool).free:
                 whole = piece[int(np.ceil(start)) : int(end) + 1]
                 if len(whole) > 1:
                     passes.append(self._pass(centre[whole], axis[whole]))
