@@ -199,6 +199,7 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
     ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
     ("optimization", "REFINED", "sweeps of a face and tool that are refined, about"),
+    ("optimization", "RESCUED", "of those that would be in good covers were nothing in the way, so many are slid"),
     ("optimization", "GROWN", "sweeps of those that are grown, about"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),
     (

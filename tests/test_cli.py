@@ -394,13 +394,6 @@ BAD_JOBS = {
     "key unknown": (JOB + "[tolerance]\nover = 1\n", face_of(), "blade.json", 3, ["[tolerance] over", "overcut"]),
     "r_min > r_max": (JOB + MY.format(3, 2, 20), face_of(), "blade.json", 3, ["[tools.define.T1] r_min", "r_max = 2"]),
     "tool without length": (JOB + MY.format(1, 2, 0), face_of(), "blade.json", 3, ["[tools.define.T1] length"]),
-    "not yet": (
-        JOB + '[program]\ncutting = "both"\n',
-        face_of(),
-        "blade.json",
-        3,
-        ["[program] cutting", "this version"],
-    ),
     "format unknown": (JOB + '[program]\nformat = "nc"\n', face_of(), "blade.json", 3, ["[program] format", "'h'"]),
     "style not in ISO": (
         JOB + '[program]\nformat = "i"\nstyle = "ln"\n',

@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from conflank_cli.cover import mean_errors, shortlist
 from conflank_cli.errors import NumericalError
@@ -24,6 +25,7 @@ from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 
+Array = npt.NDArray[np.float64]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -36,6 +38,8 @@ SCREEN_SPACING = 0.8
 # Sweeps of every face and tool that are refined, and of those the ones that are grown: those in good covers, about so
 # many.
 REFINED, GROWN = 32, 12
+# And those that are slid where something is in their way: those that would be in good covers if nothing were.
+RESCUED = 12
 # A sweep that adds less than this share of a face to a cover is not worth refining.
 LEAST_GAIN = 0.003
 
@@ -64,30 +68,42 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         indices = range(len(sweeps))
         solutions = list(side_by_side("optimize", lambda k: task_of[k].first(sweeps[k].motion), indices))
         sound = [k for k in indices if not solutions[k].failed]
+        gaps: dict[int, Array] = {}
+
+        def worth(
+            chosen: Sequence[int], count: int, title: str, gap: Callable[[int], Array], known: dict[int, Array]
+        ) -> list[int]:
+            """Those of the chosen that make good covers, `count` of every face and tool or so, by their gaps."""
+            new = [k for k in chosen if k not in known]
+            known.update(zip(new, side_by_side(title, gap, new), strict=True))
+            found: list[int] = []
+            for key, task in tasks.items():
+                own = [k for k in chosen if (sweeps[k].face, sweeps[k].tool) == key]
+                if own:
+                    found.extend(own[k] for k in _worth_more(task, np.array([known[k] for k in own]), count))
+            return found
+
+        def judged(k: int) -> Array:
+            return task_of[k].gaps(solutions[k].motion)
+
+        def better(chosen: Sequence[int], title: str, work: Callable[[int], Solution]) -> None:
+            for k, solution in zip(chosen, side_by_side(title, work, chosen), strict=True):
+                solutions[k] = solution
+                gaps.pop(k, None)
+
         # What is slid comes beside what it is made of: which of the two makes the better cover is not known yet.
-        slid = list(side_by_side("rescue", lambda k: task_of[k].rescued(solutions[k]), sound))
-        rescued = [(k, solution) for k, solution in zip(sound, slid, strict=True) if solution is not None]
+        able = worth(sound, RESCUED, "judge", lambda k: task_of[k].unscreened(solutions[k].motion), {})
+        slid = list(side_by_side("rescue", lambda k: task_of[k].rescued(solutions[k]), able))
+        rescued = [(k, solution) for k, solution in zip(able, slid, strict=True) if solution is not None]
         sound += range(len(sweeps), len(sweeps) + len(rescued))
         sweeps = [*sweeps, *(replace(sweeps[k], motion=solution.motion) for k, solution in rescued)]
         task_of += [task_of[k] for k, _ in rescued]
         solutions += [solution for _, solution in rescued]
 
-        def better(chosen: list[int], count: int, title: str, work: Callable[[int], Solution]) -> list[int]:
-            """Put `work` into those of the chosen that make good covers, `count` of every face and tool or so."""
-            gaps = dict(
-                zip(chosen, side_by_side("judge", lambda k: task_of[k].gaps(solutions[k].motion), chosen), strict=True)
-            )
-            worth: list[int] = []
-            for key, task in tasks.items():
-                own = [k for k in chosen if (sweeps[k].face, sweeps[k].tool) == key]
-                if own:
-                    worth.extend(own[k] for k in _worth_more(task, np.array([gaps[k] for k in own]), count))
-            for k, solution in zip(worth, side_by_side(title, work, worth), strict=True):
-                solutions[k] = solution
-            return worth
-
-        refined = better(sound, REFINED, "refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion))
-        better(refined, GROWN, "grow", lambda k: task_of[k].grown(solutions[k], sweeps[k].motion))
+        refined = worth(sound, REFINED, "judge", judged, gaps)
+        better(refined, "refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion))
+        grown = worth(refined, GROWN, "judge", judged, gaps)
+        better(grown, "grow", lambda k: task_of[k].grown(solutions[k], sweeps[k].motion))
     if not sound:
         failed = sorted({solution.status for solution in solutions})
         reasons = "; ".join(STATUS[status] for status in failed)
@@ -135,7 +151,7 @@ def prepare(scene: Scene, keys: Iterable[tuple[int, str]]) -> dict[tuple[int, st
     return tasks
 
 
-def _worth_more(task: Task, gaps: np.ndarray[tuple[int, int], np.dtype[np.float64]], count: int) -> list[int]:
+def _worth_more(task: Task, gaps: Array, count: int) -> list[int]:
     covers = np.array([task.covered(gap) for gap in gaps])
     areas = task.samples.areas
     return shortlist(covers, areas, mean_errors(covers, gaps, areas), count, LEAST_GAIN)

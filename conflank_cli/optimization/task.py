@@ -101,9 +101,8 @@ class Task:
         that back.
         """
         motion, areas = solution.motion, self.samples.areas
-        whole, _ = motion_gap(motion, self.tool, self.samples.points, self.limits.allowance)
         served = float(areas[within(self.gaps(motion), self.limits)].sum())
-        if served > KEPT * float(areas[within(whole, self.limits)].sum()):
+        if served > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
             return None
         away = away_from(self.face, motion)
         best, most = None, served
@@ -232,7 +231,11 @@ class Task:
         allowed = self.screen.allowed(motion, self.tool)
         if allowed is None:
             return np.full(len(self.samples.areas), np.inf)
-        return motion_gap(allowed, self.tool, self.samples.points, self.limits.allowance)[0]
+        return self.unscreened(allowed)
+
+    def unscreened(self, motion: Motion) -> Array:
+        """Swept gap less allowance (N,), mm, at the samples, whatever is in the way."""
+        return motion_gap(motion, self.tool, self.samples.points, self.limits.allowance)[0]
 
     def covered(self, gaps: Array) -> BoolArray:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
