@@ -64,14 +64,20 @@ def sample_table() -> str:
     ]
     headings = ["sweep", "<tool", "length mm", "covers mm²", "gap min µm", "mean abs µm", "max µm", "time s"]
     clearance = found["clearance_mm"]
+    passes = found["passes"]
+    sweep_time, pass_time = (sum(cut["time_s"] for cut in found[kind]) for kind in ("sweeps", "passes"))
+    covered = f"{100.0 * found['coverage_flank']:.1f} %"
+    if passes:
+        covered += f" by the sweeps, {100.0 * found['coverage']:.1f} % with {len(passes)} passes of the ball"
     facts = [
-        ["covered, by area", f"{100.0 * found['coverage']:.1f} %"],
+        ["covered, by area", covered],
         ["mean of the absolute gap there", f"{fixed(found['gap_um']['mean_abs'], 2)} µm"],
         ["99 % of it below", f"{fixed(found['gap_um']['p99_abs'], 1)} µm"],
         ["deepest overcut, faces next to the flanks included", f"{fixed(found['overcut_max_um'], 1)} µm"],
-        ["largest step between neighbouring sweeps", f"{fixed(found['step_max_um'], 1)} µm"],
+        ["largest step between neighbouring cuts", f"{fixed(found['step_max_um'], 1)} µm"],
         ["least clearance of shank, holder", " mm, ".join(_least(clearance[k]) for k in ("shank", "holder")) + " mm"],
-        ["cutting and positioning, at the programmed feeds", f"{fixed(found['time_s'], 0)} s"],
+        ["time of sweeps, of passes", f"{sweep_time:.0f} s, {pass_time:.0f} s"],
+        ["with all positioning", f"{fixed(found['time_s'], 0)} s"],
         ["findings", str(len(found["findings"])) if found["findings"] else "none"],
     ]
     return markdown(headings, sweeps) + "\n" + markdown(["<the whole program", "<"], facts)
