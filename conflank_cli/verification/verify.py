@@ -83,6 +83,26 @@ _ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
+class PosedProgram:
+    """A program with the poses on the part that follow from its text.
+
+    Attributes
+    ----------
+    program: the text, read.
+    tools: the cutter of every tool call, None where it is not known.
+    poses: all poses, in the CAD frame.
+    by_copy: the same as each copy in the job's [setup] sees them, turned back to the first.
+    findings: what is wrong or unknown so far.
+    """
+
+    program: Program
+    tools: tuple[Tool | None, ...]
+    poses: Poses
+    by_copy: tuple[Poses, ...]
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class _Stretch:
     """All moves of one cut with one tool, or those outside any cut (cut -1)."""
 
@@ -264,6 +284,19 @@ def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _S
     )
 
 
+def gaps_of(posed: PosedProgram, points: Array) -> tuple[Array, Array]:
+    """Swept gap at points (N, 3), as it is judged: of all the program (N,), and of each of its cuts (cuts, N), mm.
+
+    The gap of a cut is inf where it comes no nearer than `REACH`. Where there are copies the worst of them counts.
+    """
+    kinds = [cut.kind for cut in posed.program.cuts]
+    swept = [_swept_gap(points, _stretches(poses, list(posed.tools)), kinds) for poses in posed.by_copy]
+    every = np.stack([each.gap for each in swept])
+    worst = np.take_along_axis(every, np.abs(every).argmax(axis=0)[None], axis=0)[0]
+    # A cut is made for one of the copies, and far from the others.
+    return np.asarray(worst), np.min([each.by_cut for each in swept], axis=0)
+
+
 def _place(poses: Poses, point: Array, face: int, move: int, share: float) -> Place:
     """Name a place and the pose there, in the program's frame."""
     if move < 0:
@@ -283,7 +316,7 @@ def _place(poses: Poses, point: Array, face: int, move: int, share: float) -> Pl
     )
 
 
-def _times(poses: Poses) -> Array:
+def move_times(poses: Poses) -> Array:
     """Seconds each move takes, (N,): way of the programmed point over feed, rapids at the assumed rate."""
     moves = poses.moves
     if len(moves.block) == 0:
@@ -551,6 +584,34 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
+def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | None = None) -> PosedProgram:
+    """Read a program and find the cutter's poses on the part; what the text does not say comes from the scene's job.
+
+    Parameters
+    ----------
+    text, scene, called: as `verify_program`.
+    """
+    program = read_program(text, called)
+    findings = list(program.findings)
+    tools, found = _tools_of(program, scene)
+    findings += found
+    frame, found = _frame_of(program, scene)
+    findings += found
+    if program.header.reference is None:
+        findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
+    moves = program.moves
+    below = np.zeros(len(moves.block))
+    if program.header.reference == "SPHERE CENTRE":
+        radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
+        below = radii[moves.tool]
+    poses = poses_on_part(moves, program.letters, frame, below)
+    copies = scene.job.setup.copies
+    by_copy = tuple(
+        poses_on_part(moves, program.letters, replace(frame, turned=turn), below) for turn in pattern.turns(copies)
+    )
+    return PosedProgram(program, tuple(tools), poses, by_copy, tuple(findings))
+
+
 def verify_program(
     text: str,
     scene: Scene,
@@ -573,32 +634,17 @@ def verify_program(
     The judgement, of all copies together where the job's [setup] has several. It never repairs, and it takes nothing
     for known that the text does not say: what it had to take from the job instead is a finding.
     """
-    program = read_program(text, called)
-    findings = list(program.findings)
-    tools, found = _tools_of(program, scene)
-    findings += found
-    frame, found = _frame_of(program, scene)
-    findings += found
-    if program.header.reference is None:
-        findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
-    moves = program.moves
-    below = np.zeros(len(moves.block))
-    if program.header.reference == "SPHERE CENTRE":
-        radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
-        below = radii[moves.tool]
+    posed = pose_program(text, scene, called)
+    program, tools, findings = posed.program, list(posed.tools), list(posed.findings)
     digest = _digest(text)
     copies = scene.job.setup.copies
     if copies.order == (0,):
-        poses = poses_on_part(moves, program.letters, frame, below)
-        return _judge(program, poses, tools, scene, findings, name, digest, points_per_face)
-    by_copy = [
-        poses_on_part(moves, program.letters, replace(frame, turned=turn), below) for turn in pattern.turns(copies)
-    ]
+        return _judge(program, posed.poses, tools, scene, findings, name, digest, points_per_face)
     surface = np.concatenate([sample_face(face, _COARSE_POINTS).points for face in scene.faces])
-    owned = pattern.moves_by_copy(by_copy, tools, surface)
+    owned = pattern.moves_by_copy(list(posed.by_copy), tools, surface)
     each = [
         _judge(program, poses, tools, pattern.around(scene, turn), [], name, digest, points_per_face, own)
-        for poses, turn, own in zip(by_copy, pattern.turns(copies), owned, strict=True)
+        for poses, turn, own in zip(posed.by_copy, pattern.turns(copies), owned, strict=True)
     ]
     return pattern.joined(each, copies, findings)
 
@@ -666,7 +712,7 @@ def _judge(
     if beside is not None and beside[0] > overcut:
         overcut, overcut_at = beside
     absolute = np.abs(gap[covered & (area > 0.0)])
-    times = _times(poses)
+    times = move_times(poses)
     sweeps: list[CutFigures] = []
     passes: list[CutFigures] = []
     for index, label in enumerate(program.cuts):

@@ -1,0 +1,293 @@
+"""What a report says in words: figures, tables, controls; the page's script only makes them work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from conflank_cli import __version__
+from conflank_cli.report.colours import GAP, LEFT, OVERCUT, REACH
+from conflank_cli.report.findings import Spot
+from conflank_cli.scene import Scene
+from conflank_cli.verification.result import CutFigures, Verification
+from conflank_cli.verification.verify import PosedProgram
+
+NEVER = "-"
+"""What is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """A sweep or pass of the program.
+
+    Attributes
+    ----------
+    kind, number: as the program labels it.
+    colour: of its surfaces.
+    first: index of its first pose.
+    face: CAD face number, None where it has no pose.
+    feed: least and largest programmed feed, mm/min; None where none is known.
+    figures: what it cuts.
+    """
+
+    kind: str
+    number: int
+    colour: str
+    first: int
+    face: int | None
+    feed: tuple[float, float] | None
+    figures: CutFigures
+
+    @property
+    def label(self) -> str:
+        """Such as "sweep 3"."""
+        return f"{self.kind} {self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """The head's title and the body's content."""
+
+    title: str
+    content: str
+
+
+def page_body(
+    scene: Scene,
+    posed: PosedProgram,
+    verification: Verification,
+    cuts: Sequence[Cut],
+    places: Sequence[Spot],
+    modes: Mapping[str, str],
+    obstacles: bool,
+) -> Body:
+    """Everything between the page's style and its script; `modes` are the meanings that colours can have."""
+    name = escape(scene.part_name)
+    program = escape(verification.program)
+    parts = (
+        f'<header>\n<div class="headline"><h1>{name} <span>{program}</span></h1>',
+        '<button type="button" id="theme">Light or dark</button></div>\n',
+        _figures(verification, scene),
+        '</header>\n<main>\n<div class="work">\n<div>\n',
+        _stage(scene, modes, scene.job.tolerance.overcut, scene.job.tolerance.undercut),
+        _PLAYBACK,
+        "</div>\n<aside>\n",
+        _shown(modes, obstacles),
+        _places(places),
+        "</aside>\n</div>\n",
+        f"<h2>Cuts</h2>\n{_cuts(cuts)}",
+        f"<h2>Faces</h2>\n{_faces(verification, scene)}",
+        '<h2>Over time</h2>\n<div id="charts"></div>\n',
+        f"<h2>Job</h2>\n{_facts(scene, posed, verification)}</main>\n",
+        f"<footer>Written by conflank {__version__} from the text of {program} (SHA-256 ",
+        f"{verification.program_sha256}). Drag to turn, wheel to come nearer; with the view in focus arrow keys turn ",
+        "and + and - zoom. Drawn with three.js, © three.js authors, MIT License.</footer>\n",
+    )
+    return Body(f"<title>{name}, {program}</title>\n", "".join(parts))
+
+
+def _figures(verification: Verification, scene: Scene) -> str:
+    wanted = scene.job.selection.coverage
+    mean = verification.gap_um.mean_abs
+    stock = verification.stock_max_um
+    findings = len(verification.findings)
+    deepest = 1e3 * scene.job.tolerance.overcut
+    items = (
+        ("coverage", f"{100.0 * verification.coverage:.2f} %", verification.coverage >= wanted),
+        ("mean gap where covered", NEVER if mean is None else f"{mean:.2f} µm", None),
+        ("deepest overcut", f"{verification.overcut_max_um:.1f} µm", verification.overcut_max_um <= deepest + 1e-4),
+        ("most stock left", NEVER if stock is None else f"{stock:.0f} µm", None),
+        ("sweeps", str(len(verification.sweeps)), None),
+        *([("ball passes", str(len(verification.passes)), None)] if verification.passes else []),
+        ("time", f"{verification.time_s / 60.0:.2f} min", None),
+        ("findings", str(findings) if findings else "none", findings == 0),
+    )
+    classes = {True: ' class="good"', False: ' class="bad"', None: ""}
+    rows = (f"<li><b{classes[good]}>{value}</b><span>{title}</span></li>" for title, value, good in items)
+    return f'<ul class="figures">{"".join(rows)}</ul>\n'
+
+
+def _gradient(stops: Iterable[tuple[float, str]]) -> str:
+    return "linear-gradient(to right, " + ", ".join(f"{colour} {100.0 * place:g}%" for place, colour in stops) + ")"
+
+
+def _swatch(colour: str) -> str:
+    return f'<i class="swatch" style="background:{colour}"></i>'
+
+
+def _stage(scene: Scene, modes: Mapping[str, str], overcut: float, undercut: float) -> str:
+    looks = "".join(
+        f'<button type="button" data-look="{index}">face {face.number} {escape(face.name)}</button>'
+        for index, face in enumerate(scene.faces)
+    )
+    even = [(k / (len(REACH) - 1), colour) for k, colour in enumerate(REACH)]
+    legends = [
+        '<div class="legend" data-legend="gap">swept gap, µm: overcut &lt; 0 &lt; stock left'
+        f'<span class="bar" style="background:{_gradient(GAP)}"></span>'
+        f'<span class="ends"><span>−{1e3 * overcut:g}</span><span>0</span><span>+{1e3 * undercut:g}</span></span>'
+        f"{_swatch(OVERCUT)}deeper{_swatch(LEFT)}more stock left: not covered</div>",
+        '<div class="legend" data-legend="cut" hidden>the cut that goes deepest where the gap is within tolerance'
+        f"<br>{_swatch(LEFT)}not covered</div>",
+    ]
+    if len(modes) > len(legends):
+        legends.append(
+            '<div class="legend" data-legend="reach" hidden>least axis error of any line that touches there, µm'
+            f'<span class="bar" style="background:{_gradient(even)}"></span>'
+            f'<span class="ends"><span>0</span><span class="to"></span></span>{_swatch(LEFT)}more</div>'
+        )
+    return (
+        '<div class="stage"><canvas id="view" tabindex="0" role="img" '
+        'aria-label="The part with the swept gap, the cuts and the cutter; arrow keys turn it, + and - zoom"></canvas>'
+        '<p id="no-view" hidden>This browser draws no WebGL: tables and charts are below.</p>'
+        '<p id="failure" hidden></p>'
+        f'<div class="looks">{looks}</div>{"".join(legends)}<output id="under"></output></div>\n'
+    )
+
+
+_PLAYBACK = """<div class="playback">
+<button type="button" id="play" aria-pressed="false">Play</button>
+<select id="rate" aria-label="Speed of the motion"><option value="0.1">0.1 ×</option><option value="0.5">0.5 ×</option>
+<option value="1" selected>real time</option><option value="4">4 ×</option><option value="16">16 ×</option></select>
+<input type="range" id="pose" min="0" max="0" step="1" value="0" aria-label="Pose of the program">
+<output id="now"></output></div>
+<code id="block"></code>
+"""
+
+
+def _box(layer: str, label: str, on: bool = True) -> str:
+    checked = " checked" if on else ""
+    return f'<label><input type="checkbox" data-layer="{layer}"{checked}> {label}</label>\n'
+
+
+def _shown(modes: Mapping[str, str], obstacles: bool) -> str:
+    choices = "".join(f'<option value="{escape(key)}">{escape(text)}</option>' for key, text in modes.items())
+    return (
+        "<fieldset><legend>Show</legend>\n"
+        f'<label class="choice">colours <select id="mode">{choices}</select></label>\n'
+        '<label class="choice">rest of the part <select id="rest"><option value="through">see-through</option>'
+        '<option value="solid">solid</option><option value="hidden">hidden</option></select></label>\n'
+        + _box("uncovered", "mark what is not covered", False)
+        + _box("cutter", "cutter")
+        + _box("holder", "shank and holder")
+        + _box("path", "way of the tip")
+        + (_box("obstacles", "obstacles") if obstacles else "")
+        + _box("places", "places", False)
+        + "</fieldset>\n"
+    )
+
+
+def _places(places: Sequence[Spot]) -> str:
+    items = (
+        f'<li><button type="button" data-place="{k}">'
+        f'<b{" class=bad" if spot.finding else ""}>{escape(spot.title)}</b>'
+        f"<small>{escape(spot.text)}{'' if spot.block is None or spot.finding else f', block {spot.block}'}</small>"
+        "</button></li>"
+        for k, spot in enumerate(places)
+    )
+    none = "" if any(spot.finding for spot in places) else '<p class="good">No findings.</p>'
+    return f'<fieldset><legend>Findings and places</legend>{none}<ul class="places">{"".join(items)}</ul></fieldset>\n'
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[tuple[str, str]]], attributes: Sequence[str] = ()) -> str:
+    """Cells are (class, HTML); headings that start with "<" are for text."""
+    head = "".join(
+        f'<th scope="col" class="text">{name[1:]}</th>' if name.startswith("<") else f'<th scope="col">{name}</th>'
+        for name in columns
+    )
+    body = []
+    for k, row in enumerate(rows):
+        cells = "".join(f'<td class="{kind}">{cell}</td>' if kind else f"<td>{cell}</td>" for kind, cell in row)
+        body.append(f"<tr{attributes[k] if attributes else ''}>{cells}</tr>\n")
+    return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{"".join(body)}</tbody></table></div>\n'
+
+
+def _number(value: float | None, digits: int = 2) -> tuple[str, str]:
+    return "", NEVER if value is None else f"{value:.{digits}f}"
+
+
+def _cuts(cuts: Sequence[Cut]) -> str:
+    def switch(layer: str, index: int, cut: Cut, on: bool) -> tuple[str, str]:
+        checked = " checked" if on else ""
+        what = {"ruled": "ruled surface", "patch": "patch"}[layer]
+        return "", (
+            f'<input type="checkbox" data-layer="{layer}:{index}" aria-label="{what} of {cut.label}"{checked}>'
+        )
+
+    def row(index: int, cut: Cut) -> Sequence[tuple[str, str]]:
+        figures = cut.figures
+        feed = NEVER if cut.feed is None else " – ".join(dict.fromkeys(f"{value:.0f}" for value in cut.feed))
+        return (
+            ("text", f'{_swatch(cut.colour)}<button type="button" data-seek="{cut.first}">{cut.label}</button>'),
+            switch("ruled", index, cut, False),
+            switch("patch", index, cut, True),
+            ("text", escape(figures.tool)),
+            ("", NEVER if cut.face is None else str(cut.face)),
+            _number(figures.length_mm),
+            _number(figures.covered_mm2),
+            _number(figures.gap_min_um),
+            _number(figures.gap_mean_abs_um),
+            _number(figures.gap_max_um),
+            ("", feed),
+            _number(figures.time_s),
+        )
+
+    every = '<input type="checkbox" data-all="{0}" aria-label="all {1}"{2}> {3}'
+    columns = [
+        "<cut",
+        every.format("ruled", "ruled surfaces", "", "ruled surface"),
+        every.format("patch", "patches", " checked", "patch"),
+        "<tool",
+        "face",
+        "length mm",
+        "covered mm²",
+        "gap min µm",
+        "mean µm",
+        "max µm",
+        "feed mm/min",
+        "time s",
+    ]
+    rows = [row(index, cut) for index, cut in enumerate(cuts)]
+    return _table(columns, rows, [f' data-cut="{index}"' for index in range(len(cuts))])
+
+
+def _faces(verification: Verification, scene: Scene) -> str:
+    names = {face.number: face.name for face in scene.faces}
+    return _table(
+        ["face", "<name", "area mm²", "covered %", "deepest overcut µm", "most stock µm"],
+        (
+            (
+                ("", str(face.face)),
+                ("text", escape(names.get(face.face, ""))),
+                _number(face.area_mm2),
+                _number(100.0 * face.coverage),
+                _number(face.overcut_max_um),
+                _number(face.stock_max_um),
+            )
+            for face in verification.faces
+        ),
+    )
+
+
+def _facts(scene: Scene, posed: PosedProgram, verification: Verification) -> str:
+    tolerance = scene.job.tolerance
+    header = posed.program.header
+    control = verification.control_tolerance_um
+    tools = dict.fromkeys(
+        f"{tool.name} (r_min {tool.r_min:g}, r_max {tool.r_max:g}, length {tool.length:g} mm)"
+        for tool in posed.tools
+        if tool is not None
+    )
+    facts = (
+        ("tools", "; ".join(tools) or NEVER),
+        (
+            "tolerance",
+            f"overcut {1e3 * tolerance.overcut:g} µm, stock {1e3 * tolerance.undercut:g} µm"
+            + (f", allowance {tolerance.allowance:g} mm" if tolerance.allowance else ""),
+        ),
+        ("machine, style", f"{header.machine or NEVER}, {header.style or NEVER}"),
+        ("the control may add", NEVER if control is None else f"{control:.1f} µm (T + h TA of its tolerance cycle)"),
+        ("read from", ", ".join(f"{name} (SHA-256 {digest})" for name, digest in sorted(scene.inputs.items()))),
+    )
+    rows = "".join(f"<dt>{name}</dt><dd>{escape(value)}</dd>" for name, value in facts)
+    return f'<dl class="facts">{rows}</dl>\n'
