@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: setup check test test-all bench samples demo clean
+.PHONY: setup check test test-all bench samples demo report-script clean
 
 setup: $(BIN)/conflank
 
@@ -51,6 +51,11 @@ samples: setup
 # are a result of it, not a failure of the demonstration.
 demo: setup
 	$(BIN)/conflank run sample_parts/blisk_blade/job.toml --out out || test $$? -eq 1
+
+# The script of the report, from its sources and three.js, into one file that is in the repository; needs Node.js.
+# Conflank itself needs neither.
+report-script:
+	cd conflank_cli/report/web && npm ci --ignore-scripts --no-audit --no-fund && npm run build
 
 clean:
 	rm -rf out .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -31,6 +31,7 @@ COMMANDS = {
     "machines": "conflank_cli.commands.machines:machines",
     "dnc": "conflank_cli.commands.dnc:dnc",
     "run": "conflank_cli.commands.run:run",
+    "report": "conflank_cli.commands.report:report",
 }
 """Commands in the order of the pipeline, as module:attribute. A command module imports numerics only when it runs."""
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
 from scipy.ndimage import distance_transform_edt
@@ -29,23 +29,21 @@ from conflank_cli.artifacts.npz import read_artifact
 from conflank_cli.cad.reader import read_part
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import WorkFace
-from conflank_cli.motion import Motion
 from conflank_cli.optimization import prepare
-from conflank_cli.optimization.envelope_polish import for_area
 from conflank_cli.optimization.gauss_newton import error_field
 from conflank_cli.optimization.task import (
     FADE_STEPS,
     PAPER_STEPS,
-    POLISH_SCALES,
-    SETTLE_PROXIMITY,
-    SETTLE_STEPS,
-    Task,
 )
+from conflank_cli.report.colours import CUTS, LEFT, OVERCUT, gap_colours
+from conflank_cli.report.convergence import convergence
+from conflank_cli.report.cutter import flute_outline
+from conflank_cli.report.gap_map import GapMap, gap_map
+from conflank_cli.report.render import Camera, Mesh, Picture, facet_mesh, grid_mesh, render, revolved_mesh
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
-from docs.cut_map import GapMap, PostedProgram, gap_map
-from docs.render import Camera, Mesh, Picture, facet_mesh, grid_mesh, render, revolved_mesh
+from conflank_cli.verification.verify import PosedProgram, pose_program
 
 Array = npt.NDArray[np.float64]
 
@@ -60,14 +58,9 @@ DPI = 100
 LARGEST_BYTES = 250_000
 SHADES = (2, 4, 6, 8)
 
-# Overcut scraps the part, so it is red; stock is blue; what is right is green.
-_SHADES = ("#b2182b", "#f4a261", "#cfe39a", "#3fa34d", "#a6dcb5", "#6fb1d8", "#1f4e9c")
-_PLACES = (0.0, 0.25, 0.42, 0.5, 0.58, 0.75, 1.0)
-GAP_COLOURS = LinearSegmentedColormap.from_list("gap", list(zip(_PLACES, _SHADES, strict=True)))
-NOT_REACHED = "#8d8f93"
+GAP_COLOURS = gap_colours()
 BLADE, HUB, NEIGHBOUR = "#c9ccd1", "#dcdde0", "#e3e4e7"
 STEEL, SHANK = "#e9c46a", "#b9bcc2"
-SWEEPS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#e69f00", "#009e73", "#882255", "#999933")
 RULED_ALPHA = 0.5
 CUTTERS = 4  # along the sweep that is shown
 SHANK_SHOWN = 4.0  # mm of shank above the flute
@@ -88,7 +81,7 @@ class Sample:
 
     scene: Scene
     plan: tuple[Sweep, ...]
-    posted: PostedProgram
+    posed: PosedProgram
     maps: tuple[GapMap, ...]
 
     @classmethod
@@ -96,8 +89,8 @@ class Sample:
         """Read the folder that a run wrote."""
         scene, plan, _ = read_artifact(out / "plan.npz", "plan")
         text = (out / f"{scene.job.program.name}.H").read_bytes().decode("ascii")
-        posted = PostedProgram.of(text)
-        return cls(scene, plan, posted, tuple(gap_map(posted, face, GRID) for face in scene.faces))
+        posed = pose_program(text, scene)
+        return cls(scene, plan, posed, tuple(gap_map(posed, face, GRID) for face in scene.faces))
 
     @property
     def over(self) -> float:
@@ -109,11 +102,18 @@ class Sample:
         """Tolerance for stock left, mm."""
         return self.scene.job.tolerance.undercut
 
+    def sweep_poses(self, sweep: int) -> tuple[Tool, Array, Array]:
+        """The tool of a sweep (counted from 0), and its tip points and axes in the CAD frame, (N, 3) each."""
+        chosen = np.flatnonzero(self.posed.poses.moves.cut == sweep)
+        tool = self.posed.tools[int(self.posed.poses.moves.tool[chosen[0]])]
+        assert tool is not None
+        return tool, self.posed.poses.tip[chosen], self.posed.poses.axis[chosen]
+
     def gap_colours(self, shown: GapMap) -> Array:
         """Colours (U, V, 3) of the gap: grey where stock is left beyond tolerance."""
         scale = Normalize(-1e3 * self.over, 1e3 * self.under)
         colours = GAP_COLOURS(scale(1e3 * np.clip(shown.gap, -self.over, self.under)))[..., :3]
-        return np.where((shown.gap > self.under)[..., None], rgb(NOT_REACHED), colours)
+        return np.where((shown.gap > self.under)[..., None], rgb(LEFT), colours)
 
     def sweeps_of(self, face: int) -> list[int]:
         """The sweeps over a face of the scene, counted from 0: the program has those of the plan, in its order."""
@@ -141,12 +141,9 @@ def check_meshes(sample: Sample) -> tuple[list[Mesh], dict[str, list[Mesh]]]:
 
 def cutter_mesh(tool: Tool, tip: Array, axis: Array) -> list[Mesh]:
     """Ball and cone, and the first of the shank."""
-    angle = np.linspace(0.0, np.pi / 2 - tool.half_angle, 16)
-    ball = tool.ball_radius * (1.0 - np.cos(angle)), tool.ball_radius * np.sin(angle)
+    outline = flute_outline(tool)
     top = tool.length - tool.tip_height
-    heights = np.concatenate([ball[0], [top]])
-    radii = np.concatenate([ball[1], [tool.r_max]])
-    flute = revolved_mesh(tip, axis, heights, radii, np.tile(rgb(STEEL), (len(heights), 1)))
+    flute = revolved_mesh(tip, axis, outline.heights, outline.radii, np.tile(rgb(STEEL), (len(outline.heights), 1)))
     ends = np.array([top, top + 1e-3, top + SHANK_SHOWN, top + SHANK_SHOWN + 1e-3])
     shank = revolved_mesh(
         tip, axis, ends, np.array([tool.r_max, tool.r_max, tool.r_max, 0.0]), np.tile(rgb(SHANK), (4, 1))
@@ -197,9 +194,9 @@ def gap_picture(sample: Sample) -> Figure:
         around = [*own, *neighbours[far], *(stump(mesh) for mesh in neighbours[near])]
         sweeps = sample.sweeps_of(row)
         longest = max(sweeps, key=lambda k: sample.plan[k].facts["covered_area_mm2"])
-        tool, tip, axis = sample.posted.sweep_poses(longest)
+        tool, tip, axis = sample.sweep_poses(longest)
         cutters = [mesh for k in evenly(tip, CUTTERS) for mesh in cutter_mesh(tool, tip[k], axis[k])]
-        ruled = [ruled_mesh(*sample.posted.sweep_poses(k), SWEEPS[k % len(SWEEPS)]) for k in sweeps]
+        ruled = [ruled_mesh(*sample.sweep_poses(k), CUTS[k % len(CUTS)]) for k in sweeps]
         camera = camera_for(shown, LIFT, [*cutters, *ruled])
         _show(axes[row, 0], render(camera, [*around, *flanks]))
         axes[row, 0].set_title(f"{face.name} side: gap of the posted program", fontsize=10.5)
@@ -207,7 +204,7 @@ def gap_picture(sample: Sample) -> Figure:
         solid = render(camera, [*around, *plain, *cutters])
         _show(axes[row, 1], render(camera, ruled).over(solid, RULED_ALPHA))
         for k in sweeps:
-            of, tips, directions = sample.posted.sweep_poses(k)
+            of, tips, directions = sample.sweep_poses(k)
             middle = evenly(tips, 3)[1]
             place = camera.place((tips[middle] + 0.5 * (of.length - of.tip_height) * directions[middle])[None])[0]
             _number(axes[row, 1], place, k)
@@ -225,7 +222,7 @@ def evenly(points: Array, count: int) -> list[int]:
 def _number(axes: Axes, place: Array, cut: int) -> None:
     axes.text(
         place[0], place[1], str(cut + 1), fontsize=11, fontweight="bold", ha="center", va="center", color="white",
-        bbox={"boxstyle": "circle,pad=0.25", "facecolor": SWEEPS[cut % len(SWEEPS)], "edgecolor": "white"},
+        bbox={"boxstyle": "circle,pad=0.25", "facecolor": CUTS[cut % len(CUTS)], "edgecolor": "white"},
     )  # fmt: skip
 
 
@@ -241,7 +238,7 @@ def _gap_bar(figure: Figure, sample: Sample, box: tuple[float, float, float, flo
     bar = figure.colorbar(ScalarMappable(scale, GAP_COLOURS), cax=place, orientation="horizontal")
     bar.set_label("swept gap, µm: overcut < 0 < stock left", fontsize=10)
     text = "within reach of no sweep: more stock left than the tolerance"
-    grey = Patch(facecolor=NOT_REACHED, label=text)
+    grey = Patch(facecolor=LEFT, label=text)
     figure.legend(
         handles=[grey], loc="lower left", bbox_to_anchor=(box[0] + box[2] + 0.03, box[1] - 0.022), frameon=False
     )
@@ -257,22 +254,20 @@ def patches_picture(sample: Sample) -> Figure:
     figure.subplots_adjust(0.045, 0.2, 0.99, 0.95, 0.2)
     for row, (shown, face) in enumerate(zip(sample.maps, sample.scene.faces, strict=True)):
         sweeps = sample.sweeps_of(row)
-        covers = [
-            (shown.by_sweep[k] >= -sample.over) & (shown.by_sweep[k] <= sample.under) & shown.inside for k in sweeps
-        ]
-        ruler = np.argmin(np.where(covers, shown.by_sweep[sweeps], np.inf), axis=0)
+        covers = [(shown.by_cut[k] >= -sample.over) & (shown.by_cut[k] <= sample.under) & shown.inside for k in sweeps]
+        ruler = np.argmin(np.where(covers, shown.by_cut[sweeps], np.inf), axis=0)
         reached = np.any(covers, axis=0)
         extent = (shown.u[0], shown.u[-1], shown.v[0], shown.v[-1])
         rate = np.array([np.linalg.norm(np.diff(shown.points, axis=k), axis=2).sum(axis=k).mean() for k in (0, 1)])
         aspect = rate[1] / rate[0] * (extent[1] - extent[0]) / (extent[3] - extent[2])
-        palette = [rgb(SWEEPS[k % len(SWEEPS)]) for k in sweeps]
-        image = np.where(reached[..., None], np.array(palette)[ruler], rgb(NOT_REACHED))
+        palette = [rgb(CUTS[k % len(CUTS)]) for k in sweeps]
+        image = np.where(reached[..., None], np.array(palette)[ruler], rgb(LEFT))
         image = np.where(shown.inside[..., None], 0.45 * image + 0.55, 1.0)
-        image = np.where((shown.inside & ~reached)[..., None], rgb(NOT_REACHED), image)
+        image = np.where((shown.inside & ~reached)[..., None], rgb(LEFT), image)
         left, right = axes[2 * row : 2 * row + 2]
         left.imshow(image.transpose(1, 0, 2), origin="lower", extent=extent, aspect=aspect, interpolation="nearest")
         for k, cover in zip(sweeps, covers, strict=True):
-            colour = SWEEPS[k % len(SWEEPS)]
+            colour = CUTS[k % len(CUTS)]
             left.contour(shown.u, shown.v, cover.T.astype(float), levels=[0.5], colors=[colour], linewidths=1.6)
             lowest = reached & (ruler == sweeps.index(k))
             own = lowest if lowest.any() else cover
@@ -307,7 +302,7 @@ def axis_error_picture(sample: Sample) -> Figure:
     figure = Figure(figsize=(10.0, 5.0), dpi=DPI, facecolor="white")
     axes = figure.add_axes((0.08, 0.12, 0.78, 0.78))
     limit = 1e3 * sample.over
-    colours = GAP_COLOURS.with_extremes(bad="#ffffff", over=NOT_REACHED, under="#67001f")
+    colours = GAP_COLOURS.with_extremes(bad="#ffffff", over=LEFT, under=OVERCUT)
     height = fractions * tool.length
     image = axes.imshow(
         error.T, origin="lower", extent=(0.0, 1.0, height[0], height[-1]), aspect="auto", cmap=colours,
@@ -329,14 +324,14 @@ def measures_picture(sample: Sample, candidates: Sequence[Sweep]) -> Figure:
     tool = next(tool for tool in sample.scene.tools if tool.name == sweep.tool)
     task = prepare(sample.scene, [(sweep.face, sweep.tool)])[sweep.face, sweep.tool]
     allowance = task.limits.allowance
-    steps = _convergence(task, sweep.motion)
+    steps = convergence(task, sweep.motion)
     paper, final = steps[PAPER_STEPS + FADE_STEPS][1], steps[-1][1]
     # The picture is about the border: points of the face as dense as its pixels.
     samples = task.face.samples(task.face.spacing(90_000))
     gap = motion_gap(paper, tool, samples.points, allowance)[0]
     field = error_field(task.face, tool, paper, allowance, (500, 160))[0]
     limit = 1e3 * sample.over
-    colours = GAP_COLOURS.with_extremes(over=NOT_REACHED, under="#67001f")
+    colours = GAP_COLOURS.with_extremes(over=LEFT, under=OVERCUT)
     figure = Figure(figsize=(12.0, 4.6), dpi=DPI, facecolor="white")
     shown = (
         (
@@ -375,26 +370,6 @@ def measures_picture(sample: Sample, candidates: Sequence[Sweep]) -> Figure:
     axes.set_ylim(0.0, 1.35 * max(*gap_means, *axis_means))
     axes.legend(fontsize=8, loc="lower left")
     return figure
-
-
-def _convergence(task: Task, candidate: Motion) -> list[tuple[str, Motion]]:
-    """The motion of a candidate after each step of its optimisation, without growth, with the name of the phase."""
-    schedule = task.schedule()
-    steps = [("", candidate)]
-    for k in range(1, len(schedule) + 1):
-        name = "paper's weights" if k <= PAPER_STEPS else "μ₂, μ₅ fade"
-        steps.append((name, task.minimised(candidate, schedule[:k], task.weights).motion))
-    fine = task.refitted(steps[-1][1])
-    weights = replace(task.weights, mu3=task.weights.mu3 * SETTLE_PROXIMITY)
-    for k in range(1, SETTLE_STEPS + 1):
-        steps.append(("finer knots", task.minimised(fine, schedule[-1:] * k, weights).motion))
-    settled = steps[-1][1]
-    points = task.points.near(settled, task.tool, task.limits, POLISH_SCALES[0])
-    for k in range(1, len(POLISH_SCALES) + 1):
-        polished = for_area(task.tool, settled, points, task.limits, task.polish_weights, POLISH_SCALES[:k])
-        if polished is not None:
-            steps.append(("polish on g", polished))
-    return steps
 
 
 # --- the cone's spheres ---------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.colors import Colormap
 
 GAP = (
     (0.0, "#b2182b"),
@@ -37,7 +37,7 @@ def cut_colour(index: int) -> str:
     return CUTS[index % len(CUTS)]
 
 
-def gap_colours() -> LinearSegmentedColormap:
+def gap_colours() -> Colormap:
     """The scale of the gap for matplotlib, with the colours beyond it."""
     from matplotlib.colors import LinearSegmentedColormap
 

@@ -18,6 +18,7 @@ from conflank_cli.verification.verify import PosedProgram, gaps_of
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
+
 @dataclass(frozen=True, slots=True)
 class GapMap:
     """The swept gap on one face.

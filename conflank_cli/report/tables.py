@@ -121,6 +121,7 @@ def _stage(scene: Scene, modes: Mapping[str, str], overcut: float, undercut: flo
         f'<button type="button" data-look="{index}">face {face.number} {escape(face.name)}</button>'
         for index, face in enumerate(scene.faces)
     )
+    looks += '<button type="button" data-look="-1">everything</button>'
     even = [(k / (len(REACH) - 1), colour) for k, colour in enumerate(REACH)]
     legends = [
         '<div class="legend" data-legend="gap">swept gap, µm: overcut &lt; 0 &lt; stock left'
@@ -171,6 +172,7 @@ def _shown(modes: Mapping[str, str], obstacles: bool) -> str:
         + _box("cutter", "cutter")
         + _box("holder", "shank and holder")
         + _box("path", "way of the tip")
+        + _box("rapids", "rapids", False)
         + (_box("obstacles", "obstacles") if obstacles else "")
         + _box("places", "places", False)
         + "</fieldset>\n"
@@ -180,7 +182,7 @@ def _shown(modes: Mapping[str, str], obstacles: bool) -> str:
 def _places(places: Sequence[Spot]) -> str:
     items = (
         f'<li><button type="button" data-place="{k}">'
-        f'<b{" class=bad" if spot.finding else ""}>{escape(spot.title)}</b>'
+        f"<b{' class=bad' if spot.finding else ''}>{escape(spot.title)}</b>"
         f"<small>{escape(spot.text)}{'' if spot.block is None or spot.finding else f', block {spot.block}'}</small>"
         "</button></li>"
         for k, spot in enumerate(places)
@@ -189,17 +191,19 @@ def _places(places: Sequence[Spot]) -> str:
     return f'<fieldset><legend>Findings and places</legend>{none}<ul class="places">{"".join(items)}</ul></fieldset>\n'
 
 
-def _table(columns: Sequence[str], rows: Iterable[Sequence[tuple[str, str]]], attributes: Sequence[str] = ()) -> str:
-    """Cells are (class, HTML); headings that start with "<" are for text."""
-    head = "".join(
-        f'<th scope="col" class="text">{name[1:]}</th>' if name.startswith("<") else f'<th scope="col">{name}</th>'
-        for name in columns
+def _table(columns: Sequence[tuple[str, str]], rows: Iterable[Sequence[tuple[str, str]]], index: str = "") -> str:
+    """Headings and cells are (class, HTML); `index` names an attribute that numbers the rows."""
+
+    def cell(name: str, kind: str, content: str, rest: str = "") -> str:
+        own = f' class="{kind}"' if kind else ""
+        return f"<{name}{rest}{own}>{content}</{name}>"
+
+    head = "".join(cell("th", kind, content, ' scope="col"') for kind, content in columns)
+    body = "".join(
+        "<tr" + (f' data-{index}="{k}"' if index else "") + ">" + "".join(cell("td", *each) for each in row) + "</tr>\n"
+        for k, row in enumerate(rows)
     )
-    body = []
-    for k, row in enumerate(rows):
-        cells = "".join(f'<td class="{kind}">{cell}</td>' if kind else f"<td>{cell}</td>" for kind, cell in row)
-        body.append(f"<tr{attributes[k] if attributes else ''}>{cells}</tr>\n")
-    return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{"".join(body)}</tbody></table></div>\n'
+    return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n'
 
 
 def _number(value: float | None, digits: int = 2) -> tuple[str, str]:
@@ -210,9 +214,7 @@ def _cuts(cuts: Sequence[Cut]) -> str:
     def switch(layer: str, index: int, cut: Cut, on: bool) -> tuple[str, str]:
         checked = " checked" if on else ""
         what = {"ruled": "ruled surface", "patch": "patch"}[layer]
-        return "", (
-            f'<input type="checkbox" data-layer="{layer}:{index}" aria-label="{what} of {cut.label}"{checked}>'
-        )
+        return "", (f'<input type="checkbox" data-layer="{layer}:{index}" aria-label="{what} of {cut.label}"{checked}>')
 
     def row(index: int, cut: Cut) -> Sequence[tuple[str, str]]:
         figures = cut.figures
@@ -233,28 +235,25 @@ def _cuts(cuts: Sequence[Cut]) -> str:
         )
 
     every = '<input type="checkbox" data-all="{0}" aria-label="all {1}"{2}> {3}'
+    numbers = ("face", "length mm", "covered mm²", "gap min µm", "mean µm", "max µm", "feed mm/min", "time s")
     columns = [
-        "<cut",
-        every.format("ruled", "ruled surfaces", "", "ruled surface"),
-        every.format("patch", "patches", " checked", "patch"),
-        "<tool",
-        "face",
-        "length mm",
-        "covered mm²",
-        "gap min µm",
-        "mean µm",
-        "max µm",
-        "feed mm/min",
-        "time s",
+        ("text", "cut"),
+        ("", every.format("ruled", "ruled surfaces", "", "ruled surface")),
+        ("", every.format("patch", "patches", " checked", "patch")),
+        ("text", "tool"),
+        *(("", name) for name in numbers),
     ]
-    rows = [row(index, cut) for index, cut in enumerate(cuts)]
-    return _table(columns, rows, [f' data-cut="{index}"' for index in range(len(cuts))])
+    return _table(columns, [row(index, cut) for index, cut in enumerate(cuts)], "cut")
 
 
 def _faces(verification: Verification, scene: Scene) -> str:
     names = {face.number: face.name for face in scene.faces}
     return _table(
-        ["face", "<name", "area mm²", "covered %", "deepest overcut µm", "most stock µm"],
+        [
+            ("", "face"),
+            ("text", "name"),
+            *(("", name) for name in ("area mm²", "covered %", "deepest overcut µm", "most stock µm")),
+        ],
         (
             (
                 ("", str(face.face)),

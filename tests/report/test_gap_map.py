@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from conflank_cli.job import Setup, Tolerance
-from conflank_cli.verification.verify import verify_program
-from docs.cut_map import PostedProgram, gap_map
+from conflank_cli.report.gap_map import gap_map
+from conflank_cli.verification.verify import pose_program, verify_program
 from tests.verification.scenes import T1, TCPM, header, lying_on_plane, plane_face, program, scene_of
 
 FACE = plane_face((0.0, 30.0), (2.0, 30.0))
@@ -34,13 +34,12 @@ def lying_cone(height: float, frame: str = "CAD", shift: tuple[float, float, flo
 
 @pytest.mark.parametrize("height", [-0.004, 0.0, 0.006])
 def test_the_gap_under_a_lying_cone_is_its_height(height: float) -> None:
-    posted = PostedProgram.of(lying_cone(height))
-    shown = gap_map(posted, FACE, (31, 29))
+    shown = gap_map(pose_program(lying_cone(height), scene_of(FACE)), FACE, (31, 29))
     cone_end = T1.length / np.cos(T1.half_angle)
     under = (shown.points[..., 0] >= 5) & (shown.points[..., 0] <= 25) & (shown.points[..., 1] <= cone_end)
     assert under.sum() > 400
     assert shown.gap[under] == pytest.approx(height, abs=1e-7)
-    assert shown.by_sweep.shape == (1, 31, 29)
+    assert shown.by_cut.shape == (1, 31, 29)
     assert shown.inside.all()
     # Beyond the flute and beside the sweep there is stock.
     assert shown.gap[shown.points[..., 1] > cone_end + 1.0].min() > 0.1
@@ -53,7 +52,7 @@ def test_the_map_agrees_with_the_verification_of_the_text() -> None:
     scene = scene_of(FACE, tolerance=Tolerance(0.01, 0.01))
     text = lying_cone(-0.005)
     judged = verify_program(text, scene, points_per_face=3000)
-    shown = gap_map(PostedProgram.of(text), FACE, (201, 201))
+    shown = gap_map(pose_program(text, scene), FACE, (201, 201))
     assert shown.covered(0.01, 0.01).mean() == pytest.approx(judged.coverage, abs=0.01)
     assert -1e3 * shown.gap.min() == pytest.approx(judged.overcut_max_um, abs=0.05)
 
@@ -61,8 +60,17 @@ def test_the_map_agrees_with_the_verification_of_the_text() -> None:
 def test_poses_are_in_the_frame_of_the_part() -> None:
     setup = Setup(translate=(7.0, -3.0, 11.0))
     text = lying_cone(0.0, "ROTATE 0 0 0 TRANSLATE 7 -3 11", setup.translate)
-    tool, tip, axis = PostedProgram.of(text).sweep_poses(0)
+    posed = pose_program(text, scene_of(FACE, setup=setup))
+    cutting = posed.poses.moves.cut == 0
     _, expected, direction = lying_on_plane(T1)
-    assert (tool.name, tool.length) == ("T1", T1.length)
-    assert tip[-1] == pytest.approx(np.add(expected, (25.0, 0.0, 0.0)), abs=1e-6)
+    assert posed.tools[0] == T1
+    assert posed.poses.tip[cutting][-1] == pytest.approx(np.add(expected, (25.0, 0.0, 0.0)), abs=1e-6)
+    axis = posed.poses.axis[cutting]
     assert axis == pytest.approx(np.broadcast_to(direction, axis.shape), abs=1e-9)
+
+
+def test_what_is_to_stay_is_no_gap() -> None:
+    """A cutter 0.3 mm above the face leaves an allowance of 0.3 mm, and nothing else."""
+    shown = gap_map(pose_program(lying_cone(0.3), scene_of(FACE)), FACE, (31, 29), allowance=0.3)
+    under = (shown.points[..., 0] >= 5) & (shown.points[..., 0] <= 25) & (shown.points[..., 1] <= 20)
+    assert shown.gap[under] == pytest.approx(0.0, abs=1e-7)

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from docs.render import SAMPLES, SECTION, Camera, Mesh, Picture, facet_mesh, grid_mesh, render, revolved_mesh
+from conflank_cli.report.render import (
+    SAMPLES,
+    SECTION,
+    Camera,
+    Mesh,
+    Picture,
+    facet_mesh,
+    grid_mesh,
+    render,
+    revolved_mesh,
+)
 
 RED, BLUE = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 TOP = Camera(np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.array([-2.0, -2.0]), np.array([2.0, 2.0]), 20.0)

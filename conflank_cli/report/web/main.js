@@ -77,6 +77,7 @@ function wire(report, arrays) {
         tell();
       }
     }
+    if (repaint) paint();
     if (view?.render()) {
       state.rendered += 1;
       if (state.rendered === 1) state.firstPicture = performance.now();
@@ -90,7 +91,11 @@ function wire(report, arrays) {
     return shown;
   }
 
+  // Painting waits for the next picture, so that a press on "all" paints once.
+  let repaint = true;
+
   function paint() {
+    repaint = false;
     view?.paint(state.mode, shownCuts(), find("[data-layer='uncovered']").checked);
     all("[data-legend]").forEach((legend) => { legend.hidden = legend.dataset.legend !== state.mode; });
     const reach = report.reach.find(({ key }) => key === state.mode);
@@ -103,7 +108,7 @@ function wire(report, arrays) {
 
   function apply(box) {
     const layer = box.dataset.layer;
-    if (layer.startsWith("patch:") || layer === "uncovered") paint();
+    if (layer.startsWith("patch:") || layer === "uncovered") repaint = true;
     else if (layer === "holder") view?.showHolder(box.checked);
     else if (view) {
       view.layer(layer).visible = box.checked;
@@ -131,9 +136,8 @@ function wire(report, arrays) {
   view?.rest(find("#rest").value);
   find("#mode").addEventListener("change", (event) => {
     state.mode = event.target.value;
-    paint();
+    repaint = true;
   });
-  paint();
   slider.addEventListener("input", () => {
     play(false);
     seek(Number(slider.value));

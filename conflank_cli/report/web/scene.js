@@ -65,8 +65,7 @@ export class View {
 
   addCuts() {
     const { motion, report } = this;
-    const lines = [];
-    const colours = [];
+    const ways = { path: [[], []], rapids: [[], []] };
     const ends = (i, tool) => {
       const tip = vector(motion.tip, 3 * i);
       const axis = vector(motion.axis, 3 * i);
@@ -76,22 +75,25 @@ export class View {
     for (let i = 1; i < motion.count; i++) {
       if (!motion.joined[i]) continue;
       const cut = motion.cut[i];
-      const colour = new THREE.Color(cut < 0 || motion.rapid[i] ? report.colours.rapid : report.cuts[cut].colour);
+      const colour = new THREE.Color(cut < 0 ? report.colours.rapid : report.cuts[cut].colour);
+      const [lines, colours] = ways[motion.rapid[i] ? "rapids" : "path"];
       for (const k of [i - 1, i]) {
         lines.push(motion.tip[3 * k], motion.tip[3 * k + 1], motion.tip[3 * k + 2]);
         colours.push(colour.r, colour.g, colour.b);
       }
       const tool = report.tools[motion.tool[i]];
-      if (cut >= 0 && tool && motion.cut[i - 1] === cut) {
+      if (cut >= 0 && tool) {
         const [a, b] = ends(i - 1, tool);
         const [c, d] = ends(i, tool);
         strips[cut].push(a, c, b, b, c, d);
       }
     }
-    const path = new THREE.BufferGeometry();
-    path.setAttribute("position", new THREE.Float32BufferAttribute(lines, 3));
-    path.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
-    this.layer("path").add(new THREE.LineSegments(path, new THREE.LineBasicMaterial({ vertexColors: true })));
+    for (const [name, [lines, colours]] of Object.entries(ways)) {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(lines, 3));
+      geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
+      this.layer(name).add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true })));
+    }
     report.cuts.forEach((cut, index) => {
       const geometry = new THREE.BufferGeometry().setFromPoints(strips[index]);
       geometry.computeVertexNormals();
