@@ -32,6 +32,8 @@ COMMANDS = {
     "dnc": "conflank_cli.commands.dnc:dnc",
     "run": "conflank_cli.commands.run:run",
     "report": "conflank_cli.commands.report:report",
+    "plot": "conflank_cli.commands.plot:plot",
+    "export": "conflank_cli.commands.export:export",
 }
 """Commands in the order of the pipeline, as module:attribute. A command module imports numerics only when it runs."""
 

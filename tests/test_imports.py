@@ -28,6 +28,7 @@ LAYERS = {
     "conflank_cli.verification": 2,
     "conflank_cli.passes": 2,
     "conflank_cli.posting": 2,
+    "conflank_cli.report": 2,
     "conflank_cli.commands": 3,
     "conflank_cli.options": 3,
     "conflank_cli.cli": 4,

@@ -88,6 +88,22 @@ def gather(sources: Sequence[str], talk: Talk) -> Material:
     return Material(scene, name, text, verification, inputs)
 
 
+def read_sweeps(sources: Sequence[str]) -> tuple[Scene, tuple[Sweep, ...]]:
+    """The scene and sweeps of one artifact.
+
+    Raises
+    ------
+    UsageError: more than one file, or an artifact without a sweep.
+    """
+    if len(sources) > 1:
+        raise UsageError(sources[1], "a second file", "one artifact", "Leave one out.")
+    where, data = read_source(sources[0])
+    _, scene, sweeps, _ = decode_artifact(data, where)
+    if not sweeps:
+        raise UsageError(where, "no sweep", "at least one", "Name another artifact.")
+    return scene, sweeps
+
+
 def _sorted(sources: Sequence[str]) -> _Given:
     given = _Given()
     for source in sources:

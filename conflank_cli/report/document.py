@@ -16,27 +16,21 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.detection.reachability import Reachability
-from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.report.colours import GAP, LEFT, OVERCUT, REACH, cut_colour
 from conflank_cli.report.cutter import outlines
 from conflank_cli.report.findings import Spot, spots
-from conflank_cli.report.gap_map import GapMap, gap_map
+from conflank_cli.report.gap_map import GapMap, face_grid, gap_map, grid_shape
 from conflank_cli.report.packing import Packer
 from conflank_cli.report.tables import Cut, page_body
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.sampling import evaluate_grid, inside_rows
+from conflank_cli.verification.sampling import inside_rows
 from conflank_cli.verification.verify import PosedProgram, move_times
 
 Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
-
-SPACING = 0.15
-"""mm between the values of the gap on a face: finer than a screen shows of a whole blade."""
-
-LEAST, MOST = 24, 320
-"""Values of the gap along either direction of a face."""
 
 MESH_TRIANGLES = 20_000
 """Triangles of all design faces together, about."""
@@ -49,6 +43,9 @@ FAR = 32767
 
 BORDER = (-1.0 / 3.0, 0.0, 1.0 / 3.0)
 """Where in a cell the trim is asked for, in cells: the share inside makes its border smooth."""
+
+NEAR_GRID = (24, 24)
+"""Points of a face to which a cut is held to tell which face it is over."""
 
 REACH_STEPS = 254
 """Steps of the axis error up to twice the tolerance; 255 is more."""
@@ -204,7 +201,7 @@ def _face_below(posed: PosedProgram, own: npt.NDArray[np.int64], scene: Scene) -
     middle = (posed.poses.tip[own] + height * posed.poses.axis[own])[:: max(len(own) // 20, 1)]
     distances = []
     for face in scene.faces:
-        points = _grid_points(face, (24, 24))[0].reshape(-1, 3)
+        points = face_grid(face, NEAR_GRID).points.reshape(-1, 3)
         distances.append(float(np.linalg.norm(middle[:, None] - points, axis=2).min(axis=1).mean()))
     return scene.faces[int(np.argmin(distances))].number
 
@@ -246,26 +243,11 @@ def _tool_entry(tool: Tool | None) -> dict[str, Any]:
 # --- the part -------------------------------------------------------------------------------------------------------
 
 
-def _grid_points(face: DesignFace, shape: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Points (U, V, 3) on a grid over the box of the trim, with its parameters."""
-    corners = np.concatenate(face.loops)
-    u, v = (np.linspace(corners[:, k].min(), corners[:, k].max(), shape[k]) for k in (0, 1))
-    return evaluate_grid(face.surface, u, v)[0], u, v
-
-
-def grid_shape(face: DesignFace, spacing: float = SPACING, least: int = LEAST, most: int = MOST) -> tuple[int, int]:
-    """Grid over the box of a face's trim whose points are about `spacing` mm apart."""
-    points = _grid_points(face, (least, least))[0]
-    lengths = (np.linalg.norm(np.diff(points, axis=k), axis=2).sum(axis=k).mean() for k in (0, 1))
-    along, across = (int(np.clip(np.ceil(length / spacing), least, most)) for length in lengths)
-    return along, across
-
-
 def _pack_face(pack: Packer, index: int, shown: GapMap, faces: int) -> dict[str, Any]:
     """Mesh and gaps of a face; returns what the page has to know besides."""
     shape = shown.gap.shape
     side = max(int(np.sqrt(MESH_TRIANGLES / faces / 2)), 2)
-    points = _grid_points(shown.face, (side, side))[0]
+    points = face_grid(shown.face, (side, side)).points
     pack.points(f"face{index}_points", points.reshape(-1, 3))
     pack.exact(f"face{index}_inside", _share_inside(shown), "u1")
     pack.whole(f"face{index}_gap", _steps(shown.gap), "i2")

@@ -18,10 +18,16 @@ from conflank_cli.verification.verify import PosedProgram, gaps_of
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
+SPACING = 0.15
+"""mm between the values of the gap on a face: finer than a screen shows of a whole blade."""
+
+LEAST, MOST = 24, 320
+"""Values of the gap along either direction of a face."""
+
 
 @dataclass(frozen=True, slots=True)
-class GapMap:
-    """The swept gap on one face.
+class FaceGrid:
+    """A grid over the box of a face's trim loops.
 
     Attributes
     ----------
@@ -29,8 +35,6 @@ class GapMap:
     u, v: parameters of the grid, (U,), (V,).
     points, normals: (U, V, 3) mm and unit, normals towards the cutter.
     inside: (U, V), whether a grid point is on the trimmed face.
-    gap: (U, V) mm; the worse of both ways in which the axis may go between two blocks.
-    by_cut: (cuts, U, V), the same for each cut of the program alone; inf where it does not come near.
     """
 
     face: DesignFace
@@ -39,6 +43,18 @@ class GapMap:
     points: Array
     normals: Array
     inside: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class GapMap(FaceGrid):
+    """The swept gap on one face.
+
+    Attributes
+    ----------
+    gap: (U, V) mm; the worse of both ways in which the axis may go between two blocks.
+    by_cut: (cuts, U, V), the same for each cut of the program alone; inf where it does not come near.
+    """
+
     gap: Array
     by_cut: Array
 
@@ -47,8 +63,8 @@ class GapMap:
         return np.asarray(self.inside & (self.gap >= -over) & (self.gap <= under))
 
 
-def gap_map(posed: PosedProgram, face: DesignFace, shape: tuple[int, int], allowance: float = 0.0) -> GapMap:
-    """Swept gap of a program on a grid of `shape` over the box of the face's trim loops; `allowance` mm are to stay."""
+def face_grid(face: DesignFace, shape: tuple[int, int]) -> FaceGrid:
+    """A grid of `shape` over a face."""
     corners = np.concatenate(face.loops)
     u, v = (np.linspace(corners[:, k].min(), corners[:, k].max(), shape[k]) for k in (0, 1))
     points, by_u, by_v = evaluate_grid(face.surface, u, v)
@@ -58,5 +74,21 @@ def gap_map(posed: PosedProgram, face: DesignFace, shape: tuple[int, int], allow
     # Grid points on the border belong to the face: the rule decides for points just inside of them.
     middle_u, middle_v = 0.5 * (u[0] + u[-1]), 0.5 * (v[0] + v[-1])
     inside = inside_rows(face.loops, middle_u + (u - middle_u) * (1.0 - 1e-6), middle_v + (v - middle_v) * (1.0 - 1e-6))
-    gap, by_cut = gaps_of(posed, (points + allowance * normals).reshape(-1, 3))
-    return GapMap(face, u, v, points, normals, inside, gap.reshape(shape), by_cut.reshape(-1, *shape))
+    return FaceGrid(face, u, v, points, normals, inside)
+
+
+def gap_map(posed: PosedProgram, face: DesignFace, shape: tuple[int, int], allowance: float = 0.0) -> GapMap:
+    """Swept gap of a program on a grid of `shape` over a face; `allowance` mm are to stay."""
+    grid = face_grid(face, shape)
+    gap, by_cut = gaps_of(posed, (grid.points + allowance * grid.normals).reshape(-1, 3))
+    return GapMap(
+        face, grid.u, grid.v, grid.points, grid.normals, grid.inside, gap.reshape(shape), by_cut.reshape(-1, *shape)
+    )
+
+
+def grid_shape(face: DesignFace, spacing: float = SPACING, least: int = LEAST, most: int = MOST) -> tuple[int, int]:
+    """Grid over the box of a face's trim whose points are about `spacing` mm apart."""
+    points = face_grid(face, (least, least)).points
+    lengths = (np.linalg.norm(np.diff(points, axis=k), axis=2).sum(axis=k).mean() for k in (0, 1))
+    along, across = (int(np.clip(np.ceil(length / spacing), least, most)) for length in lengths)
+    return along, across

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from conflank_cli.report import document
-from conflank_cli.report.document import grid_shape, report_html
+from conflank_cli.report.document import report_html
+from conflank_cli.report.gap_map import grid_shape
 from conflank_cli.scene import Scene
 from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.verify import pose_program, verify_program
