@@ -96,7 +96,7 @@ def test_meshes_come_back_with_their_colours() -> None:
         # Seen from the cutter's side, and green where the cone lies on the plane.
         assert mesh.face_normals[:, 2].min() > 0.99
         under = np.flatnonzero(np.isclose(mesh.vertices[:, 0], 15.0) & np.isclose(mesh.vertices[:, 1], 10.0))
-        assert mesh.visual.vertex_colors[under[0]] == pytest.approx([0x3F, 0xA3, 0x4D, 255], abs=6)
+        assert mesh.visual.vertex_colors[under[0]].tolist() == pytest.approx([0x3F, 0xA3, 0x4D, 255], abs=6)
     two = [models.ruled_sheet(f"sweep {k + 1}", lying(), k) for k in range(2)]
     loaded = trimesh.load(io.BytesIO(models.encoded_meshes(two, "glb")), file_type="glb")
     assert sorted(loaded.geometry) == ["sweep 1", "sweep 2"]
