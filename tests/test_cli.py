@@ -45,7 +45,7 @@ use = ["T1"]
 [detection]
 density = "quick"
 """
-FILES = ["BLADE1.H", "BLADE1.H.verification.json", "candidates.npz", "motions.npz", "plan.npz"]
+FILES = ["BLADE1.H", "BLADE1.H.verification.json", "candidates.npz", "motions.npz", "plan.npz", "report.html"]
 
 
 def conflank(*arguments: str, cwd: Path, data: bytes | None = None) -> subprocess.CompletedProcess[bytes]:
@@ -315,6 +315,78 @@ def test_inspect_prints_parts_and_artifacts(finished: Path, monkeypatch: pytest.
         assert json.loads(piped.stdout)["schema"] == f"conflank/{kind}"
 
 
+# --- pictures -------------------------------------------------------------------------------------------------------
+
+
+def test_the_report_is_the_same_from_a_plan_from_its_program_and_from_run(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(finished / "out")
+    expected = Path("report.html").read_bytes()
+    for name, sources in (
+        ("a.html", ["plan.npz"]),
+        ("b.html", ["BLADE1.H.verification.json", "BLADE1.H", "plan.npz"]),
+    ):
+        result = invoke("report", *sources, "-o", str(tmp_path / name))
+        assert result.exit_code == 0, result.stderr
+        assert (tmp_path / name).read_bytes() == expected
+    result = invoke("report", "BLADE1.H", "../job.toml", "-o", "-", "--quiet")
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout_bytes.startswith(b"<!DOCTYPE html>")
+    Path("OTHER.H").write_bytes(Path("BLADE1.H").read_bytes().replace(b"F1000", b"F1001"))
+    result = invoke("report", "OTHER.H", "plan.npz", "BLADE1.H.verification.json", "-o", str(tmp_path / "c.html"))
+    Path("OTHER.H").unlink()
+    assert result.exit_code == 3
+    assert_one_message(result.stderr, ["BLADE1.H.verification.json", "another text", "OTHER.H"])
+    assert not (tmp_path / "c.html").exists()
+
+
+def test_what_a_report_is_made_of_must_be_there(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished / "out")
+    for sources, words in (
+        (["BLADE1.H"], ["what the part is"]),
+        (["motions.npz"], ["no program yet"]),
+        (["plan.npz", "../job.toml"], ["job.toml", "carries one"]),
+    ):
+        result = invoke("report", *sources, "-o", "x.html")
+        assert result.exit_code == 2
+        assert_one_message(result.stderr, words)
+        assert not Path("x.html").exists()
+
+
+def test_a_report_of_a_job_runs_its_stages(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(finished)
+    result = invoke("report", "job.toml", "--reach", "-o", str(tmp_path / "report.html"))
+    assert result.exit_code == 0, result.stderr
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "least axis error of T1, 2/3 of the flute" in page and "why the plan leaves the rest" in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "begins"),
+    [
+        (["plot", "lines", "candidates.npz", "-o", "{}/x.png"], b"\x89PNG"),
+        (["plot", "convergence", "candidates.npz", "-o", "{}/x.svg"], b"<?xml"),
+        (["plot", "axes", "plan.npz", "BLADE1.H", "-o", "{}/x.pdf"], b"%PDF"),
+        (["export", "ruled", "plan.npz", "-o", "{}/x.step"], b"ISO-10303-21;"),
+        (["export", "envelope", "motions.npz", "-o", "{}/x.step"], b"ISO-10303-21;"),
+        (["export", "gap", "plan.npz", "-o", "{}/x.ply"], b"ply"),
+        (["export", "cuts", "plan.npz", "-o", "{}/x.csv"], b"kind,number,tool"),
+        (["export", "poses", "BLADE1.H", "../job.toml", "-o", "{}/x.csv"], b"block,cut,x_mm"),
+    ],
+    ids=lambda value: " ".join(value[:2]) if isinstance(value, list) else "",
+)
+def test_figures_and_models(
+    arguments: list[str], begins: bytes, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(finished / "out")
+    result = invoke(*(each.format(tmp_path) for each in arguments))
+    assert result.exit_code == 0, result.stderr
+    (made,) = tmp_path.iterdir()
+    assert made.read_bytes().startswith(begins)
+    assert made.name in result.stderr
+
+
 # --- help -----------------------------------------------------------------------------------------------------------
 
 
@@ -459,7 +531,7 @@ BAD_CALLS = [
     (["report", "job.toml", "job.toml"], 2, "a second job"),
     (["report", "blade.json"], 3, "JSON that is no verification"),
     (["report", "job.toml", "-o", "job.toml"], 2, "one of the inputs"),
-    (["plot", "gap", "job.toml", "-o", "gap.gif"], 2, ".png, .svg or .pdf"),
+    (["plot", "gap", "job.toml", "-o", "gap.gif"], 2, ".png, .svg, .pdf"),
     (["plot", "pie", "job.toml", "-o", "pie.png"], 2, "'coverage'"),
     (["export", "gap", "job.toml", "-o", "gap.stl"], 2, ".ply .glb"),
     (["export", "ruled", "job.toml", "-o", "x.stl"], 3, "another type"),

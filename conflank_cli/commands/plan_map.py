@@ -9,24 +9,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from conflank_cli.commands.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.commands.tables import text_table
 from conflank_cli.coverage import REASON_WORDS, FaceCoverage, Reason
+from conflank_cli.report.colours import GREYS
+from conflank_cli.report.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 
 # Size of one map, inches.
 PANEL = 4.2
-# Greys of what is left, from what a longer plan would cover to what no line fits.
-GREYS = {
-    Reason.NOT_CHOSEN: "#f2f2f2",
-    Reason.SMALL: "#dedede",
-    Reason.OVERCUT: "#c9b3b3",
-    Reason.COLLISION: "#8c4a4a",
-    Reason.MACHINE: "#5a5a8c",
-    Reason.NO_SWEEP: "#9a9a9a",
-    Reason.NO_LINE: "#2b2b2b",
-}
 
 
 def summary_tables(summary: Mapping[str, Any]) -> str:

@@ -31,8 +31,9 @@ def plot(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
     from conflank_cli.commands.material import gather, read_sweeps
     from conflank_cli.output import check_output, write_output
     from conflank_cli.report import figures
+    from conflank_cli.report.picture_file import picture_suffix
 
-    kind = _format(output)
+    suffix = picture_suffix(output, "-o")
     check_output(output, sources, binary=True)
     inputs: list[object] = [*sources]
     if what in ("lines", "convergence"):
@@ -51,17 +52,5 @@ def plot(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
         }
         with talk.timed("plot"):
             figure = programs[what](material.scene, material.posed)
-    write_output(figures.encoded(figure, kind), output, [str(name) for name in inputs])
+    write_output(figures.encoded(figure, suffix), output, [str(name) for name in inputs])
     talk.note(f"figure        {output}")
-
-
-def _format(output: str) -> str:
-    """The format that the name of a file asks for."""
-    from pathlib import Path
-
-    from conflank_cli.errors import UsageError
-
-    suffix = Path(output).suffix.lower()
-    if suffix not in (".png", ".svg", ".pdf"):
-        raise UsageError(f"-o {output}", f"suffix {suffix!r}", ".png, .svg or .pdf", "Rename the figure.")
-    return suffix[1:]

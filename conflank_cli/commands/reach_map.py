@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from conflank_cli.commands.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.commands.tables import text_table
 from conflank_cli.detection.reachability import Reachability, reachability
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.progress import Progress
+from conflank_cli.report.picture_file import DPI, FORMATS, picture_suffix
 from conflank_cli.scene import Scene
 
 # Shares of the flute along which a line has to touch.

@@ -42,7 +42,7 @@ def report(sources: tuple[str, ...], output: str, with_reach: bool, talk: Talk) 
             for each in reach_maps(material.scene, 1500, talk.progress)
         ]
     with talk.timed("report"):
-        page = report_html(material.scene, material.posed, material.text, verification, reach)
+        page = report_html(material.scene, material.posed, material.text, verification, material.coverage, reach)
     write_output(page, output, [*sources, *material.inputs])
     if output != "-":
         talk.note(f"report        {output}")

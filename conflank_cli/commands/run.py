@@ -18,10 +18,10 @@ from conflank_cli.options import Talk
 def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     """Run all stages of a job and verify the program.
 
-    Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts) and
-    NAME.H.verification.json into DIR, all of them or none. Exit code 1 means that the verification has findings, or
-    that something forbids every sweep: then there is no program. --json prints the verification with the names of the
-    files.
+    Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts),
+    NAME.H.verification.json and report.html into DIR, all of them or none. Exit code 1 means that the verification has
+    findings, or that something forbids every sweep: then there is no program. --json prints the verification with the
+    names of the files.
     """
     from pathlib import Path
 
@@ -37,13 +37,15 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_output, write_output
     from conflank_cli.posting import summarize
+    from conflank_cli.report.document import report_html
+    from conflank_cli.verification.verify import pose_program
 
     start = time.perf_counter()
     job, folder = read_job(job_file)
     inputs = files_of(job_file, job, folder)
     out = Path(folder_out)
     program = job.program.name + post_of(job).suffix
-    names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json")
+    names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json", "report.html")
     if out.exists():
         if not out.is_dir():
             raise UsageError(f"--out {out}", "a file", "a folder", "Name another.")
@@ -67,7 +69,14 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         programs, path = run_post(scene, plan, passes, program, talk)
         verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
         facts = facts_of(summarize(scene.job, path))
-        contents |= {**programs, f"{program}.verification.json": verification.to_json().decode()}
+        with talk.timed("report"):
+            posed = pose_program(programs[program], scene, programs.get)
+            page = report_html(scene, posed, programs[program], verification, coverage)
+        contents |= {
+            **programs,
+            f"{program}.verification.json": verification.to_json().decode(),
+            "report.html": page,
+        }
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

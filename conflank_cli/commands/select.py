@@ -28,11 +28,11 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
     """
     from conflank_cli.artifacts import read_artifact, write_artifact
     from conflank_cli.commands.inputs import override
-    from conflank_cli.commands.picture_file import picture_suffix
     from conflank_cli.commands.plan_map import as_document, draw, summary_tables
     from conflank_cli.commands.stages import run_passes, run_select
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.output import STANDARD, check_output, write_output
+    from conflank_cli.report.picture_file import picture_suffix
 
     if as_json and output == STANDARD:
         raise UsageError("--json", "the plan on standard output too", "one of them there", "Name a file with -o.")

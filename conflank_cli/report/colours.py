@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from conflank_cli.coverage import Reason
+
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
 
@@ -27,6 +29,20 @@ LEFT = "#8d8f93"
 
 CUTS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#e69f00", "#009e73", "#882255", "#999933")
 """Sweeps and passes, in turn."""
+
+GREYS = {
+    Reason.NOT_CHOSEN: "#f2f2f2",
+    Reason.SMALL: "#dedede",
+    Reason.OVERCUT: "#c9b3b3",
+    Reason.COLLISION: "#8c4a4a",
+    Reason.MACHINE: "#5a5a8c",
+    Reason.NO_SWEEP: "#9a9a9a",
+    Reason.NO_LINE: "#2b2b2b",
+}
+"""Why something is left, from what a longer plan would cover to what no line fits."""
+
+COVERED = "#8fcf9b"
+"""What is not left."""
 
 REACH = ("#fde725", "#5ec962", "#21918c", "#3b528b", "#440154")
 """The least axis error from none to twice the tolerance."""

@@ -14,10 +14,12 @@ from typing import Any
 import msgspec
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
+from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.detection.reachability import Reachability
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.report.colours import GAP, LEFT, OVERCUT, REACH, cut_colour
+from conflank_cli.report.colours import COVERED, GAP, GREYS, LEFT, OVERCUT, REACH, cut_colour
 from conflank_cli.report.cutter import outlines
 from conflank_cli.report.findings import Spot, spots
 from conflank_cli.report.gap_map import GapMap, face_grid, gap_map, grid_shape
@@ -61,7 +63,7 @@ COLOURS = {
     "finding": "#d7191c",
     "place": "#16202c",
     "reach": REACH,
-    "reasons": (),
+    "reasons": [COVERED if reason is Reason.COVERED else GREYS[reason] for reason in Reason],
 }
 
 
@@ -81,6 +83,7 @@ def report_html(
     posed: PosedProgram,
     text: str,
     verification: Verification,
+    coverage: Sequence[FaceCoverage] = (),
     reach: Sequence[ReachOfFace] = (),
 ) -> str:
     """The report of a program.
@@ -90,6 +93,7 @@ def report_html(
     scene: the job with its geometry.
     posed, text: the program, with its poses and as it is.
     verification: what it cuts.
+    coverage: why the plan leaves what it leaves, one for each face; none where it is not known.
     reach: maps of what the tools reach, to be looked at as well.
 
     Returns
@@ -103,7 +107,7 @@ def report_html(
     labels = {(each.tool, each.engaged): f"reach{k}" for k, each in enumerate(_one_face(reach))}
     data = {
         "part": scene.part_name,
-        "program": {"name": verification.program, "letters": posed.poses.letters},
+        "program": {"name": verification.program, "letters": posed.program.rotary_letters},
         "tolerance": {
             "overcut_um": 1e3 * scene.job.tolerance.overcut,
             "undercut_um": 1e3 * scene.job.tolerance.undercut,
@@ -126,6 +130,8 @@ def report_html(
             {"face": each.face, "key": labels[each.tool, each.engaged], "limit_um": 1e3 * each.limit} for each in reach
         ],
     }
+    for index, (shown, covered) in enumerate(zip(maps, coverage, strict=False)):
+        pack.exact(f"face{index}_reason", _nearest(shown, covered.points, covered.reason), "u1")
     for each in reach:
         values = _reach_values(maps[each.face], each)
         pack.exact(f"face{each.face}_{labels[each.tool, each.engaged]}", values, "u1")
@@ -135,16 +141,20 @@ def report_html(
         vertices, triangles = _compact(scene.check, chosen)
         pack.points(f"{name}_vertices", vertices)
         pack.whole(f"{name}_triangles", triangles, "i4")
-    pack.exact("text", np.frombuffer(text.encode("utf-8", "replace"), dtype=np.uint8), "u1")
+    # Blocks of programs that are called have numbers of their own.
+    shown_text = "" if verification.called_sha256 else text
+    pack.exact("text", np.frombuffer(shown_text.encode("utf-8", "replace"), dtype=np.uint8), "u1")
     data["arrays"] = pack.entries
-    modes = {"gap": "swept gap", "cut": "which cut makes it"} | {
-        key: f"least axis error of {tool}, {engaged} of the flute" for (tool, engaged), key in labels.items()
-    }
+    modes = {"gap": "swept gap", "cut": "which cut makes it"}
+    if coverage:
+        modes["reason"] = "why the plan leaves the rest"
+    modes |= {key: f"least axis error of {tool}, {engaged} of the flute" for (tool, engaged), key in labels.items()}
     # Within a script nothing may look like markup.
     document = msgspec.json.encode(data).decode().replace("<", "\\u003c")
     page = files("conflank_cli.report") / "page"
     css, script = ((page / name).read_text("utf-8") for name in ("page.css", "viewer.js"))
-    body = page_body(scene, posed, verification, cuts, places, modes, bool(foreign.any()))
+    left = {reason: sum(each.area(reason) for each in coverage) for reason in Reason}
+    body = page_body(scene, posed, verification, cuts, places, modes, left, bool(foreign.any()))
     return "".join(
         (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n',
@@ -198,11 +208,13 @@ def _face_below(posed: PosedProgram, own: npt.NDArray[np.int64], scene: Scene) -
         return None
     tool = posed.tools[int(posed.poses.moves.tool[own[0]])]
     height = 0.0 if tool is None else 0.5 * (tool.length - tool.tip_height)
-    middle = (posed.poses.tip[own] + height * posed.poses.axis[own])[:: max(len(own) // 20, 1)]
+    some = own[:: max(len(own) // 20, 1)]
     distances = []
     for face in scene.faces:
-        points = face_grid(face, NEAR_GRID).points.reshape(-1, 3)
-        distances.append(float(np.linalg.norm(middle[:, None] - points, axis=2).min(axis=1).mean()))
+        tree = cKDTree(face_grid(face, NEAR_GRID).points.reshape(-1, 3))
+        # With copies, as the one that it is for sees it.
+        away = [tree.query(poses.tip[some] + height * poses.axis[some])[0].mean() for poses in posed.by_copy]
+        distances.append(float(min(away)))
     return scene.faces[int(np.argmin(distances))].number
 
 
@@ -287,11 +299,13 @@ def _share_inside(shown: GapMap) -> Bytes:
 
 def _reach_values(shown: GapMap, reach: ReachOfFace) -> Bytes:
     """The least axis error at every value of a face, from the nearest point it was sought at."""
-    from scipy.spatial import cKDTree
-
-    _, nearest = cKDTree(reach.found.samples.points).query(shown.points.reshape(-1, 3))
-    share = reach.found.error[nearest] / reach.limit
+    share = _nearest(shown, reach.found.samples.points, reach.found.error) / reach.limit
     return np.where(share <= 1.0, np.round(REACH_STEPS * np.clip(share, 0.0, 1.0)), 255).astype(np.uint8)
+
+
+def _nearest(shown: GapMap, points: Array, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """For every value of a face that of the nearest of some points."""
+    return np.asarray(values[cKDTree(points).query(shown.points.reshape(-1, 3))[1]])
 
 
 def _compact(mesh: CheckMesh, chosen: npt.NDArray[np.bool_]) -> tuple[Array, npt.NDArray[np.int64]]:

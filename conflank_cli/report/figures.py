@@ -25,6 +25,7 @@ from conflank_cli.optimization import prepare
 from conflank_cli.report.colours import LEFT, cut_colour, gap_colours
 from conflank_cli.report.convergence import convergence
 from conflank_cli.report.gap_map import FaceGrid, GapMap, face_grid, gap_map
+from conflank_cli.report.picture_file import DPI, FORMATS
 from conflank_cli.report.render import Camera, Mesh, facet_mesh, grid_mesh, render
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -32,14 +33,6 @@ from conflank_cli.verification.verify import PosedProgram, move_times
 
 Array = npt.NDArray[np.float64]
 
-FORMATS: dict[str, dict[str, str | None]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None},
-    "pdf": {"CreationDate": None},
-}
-"""Formats, each with the metadata that keeps equal figures byte-equal."""
-
-DPI = 150
 PANEL = 5.0  # inches
 PIXELS_ACROSS = 900  # of the part in a shaded picture
 LIFT = 0.42  # of the way from above
@@ -51,12 +44,12 @@ GRID = (160, 160)
 FINE_GRID = (320, 320)
 
 
-def encoded(figure: Figure, kind: str) -> bytes:
-    """A figure in one of `FORMATS`. Equal figures give equal bytes."""
+def encoded(figure: Figure, suffix: str) -> bytes:
+    """A figure in the format of a suffix. Equal figures give equal bytes."""
     buffer = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "conflank", "pdf.fonttype": 42}):
         FigureCanvasAgg(figure)
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=FORMATS[kind])
+        figure.savefig(buffer, format=suffix[1:], dpi=DPI, metadata=FORMATS[suffix])
     return buffer.getvalue()
 
 
@@ -221,7 +214,7 @@ def axes_figure(scene: Scene, posed: PosedProgram) -> Figure:
     figure = Figure(figsize=(9.0, 6.5), facecolor="white", layout="constrained")
     rotary, linear, feed = figure.subplots(3, 1, sharex=True)
     if np.isfinite(moves.rotary).any():
-        _curves(rotary, time, np.degrees(moves.rotary), list(posed.poses.letters), moves.joined)
+        _curves(rotary, time, np.degrees(moves.rotary), list(posed.program.rotary_letters), moves.joined)
         rotary.set_ylabel("rotary axes, °")
     else:
         _curves(rotary, time, posed.poses.axis, ["i", "j", "k"], moves.joined)

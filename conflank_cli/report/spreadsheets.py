@@ -32,7 +32,7 @@ def poses_csv(posed: PosedProgram) -> str:
     """Every pose of a program: block, cut, tip and axis in the CAD frame, rotary axes, feed, when it is reached."""
     moves, cuts = posed.poses.moves, posed.program.cuts
     time = np.cumsum(move_times(posed.poses))
-    letters = list(posed.poses.letters)
+    letters = list(posed.program.rotary_letters)
     heading = ["block", "cut", "x_mm", "y_mm", "z_mm", "i", "j", "k", *(f"{letter.lower()}_deg" for letter in letters)]
     rows = (
         [

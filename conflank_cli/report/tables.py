@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from html import escape
 
 from conflank_cli import __version__
-from conflank_cli.report.colours import GAP, LEFT, OVERCUT, REACH
+from conflank_cli.coverage import REASON_WORDS, Reason
+from conflank_cli.report.colours import COVERED, GAP, GREYS, LEFT, OVERCUT, REACH
 from conflank_cli.report.findings import Spot
 from conflank_cli.scene import Scene
 from conflank_cli.verification.result import CutFigures, Verification
@@ -60,9 +61,13 @@ def page_body(
     cuts: Sequence[Cut],
     places: Sequence[Spot],
     modes: Mapping[str, str],
+    left: Mapping[Reason, float],
     obstacles: bool,
 ) -> Body:
-    """Everything between the page's style and its script; `modes` are the meanings that colours can have."""
+    """Everything between the page's style and its script.
+
+    modes: meanings that colours can have, by key. left: area that the plan leaves for each reason, mm2.
+    """
     name = escape(scene.part_name)
     program = escape(verification.program)
     parts = (
@@ -70,7 +75,7 @@ def page_body(
         '<button type="button" id="theme">Light or dark</button></div>\n',
         _figures(verification, scene),
         '</header>\n<main>\n<div class="work">\n<div>\n',
-        _stage(scene, modes, scene.job.tolerance.overcut, scene.job.tolerance.undercut),
+        _stage(scene, modes, left),
         _PLAYBACK,
         "</div>\n<aside>\n",
         _shown(modes, obstacles),
@@ -95,6 +100,10 @@ def _figures(verification: Verification, scene: Scene) -> str:
     deepest = 1e3 * scene.job.tolerance.overcut
     items = (
         ("coverage", f"{100.0 * verification.coverage:.2f} %", verification.coverage >= wanted),
+        *(
+            [("coverage by sweeps alone", f"{100.0 * verification.coverage_flank:.2f} %", None)]
+            * bool(verification.passes)
+        ),
         ("mean gap where covered", NEVER if mean is None else f"{mean:.2f} µm", None),
         ("deepest overcut", f"{verification.overcut_max_um:.1f} µm", verification.overcut_max_um <= deepest + 1e-4),
         ("most stock left", NEVER if stock is None else f"{stock:.0f} µm", None),
@@ -116,7 +125,8 @@ def _swatch(colour: str) -> str:
     return f'<i class="swatch" style="background:{colour}"></i>'
 
 
-def _stage(scene: Scene, modes: Mapping[str, str], overcut: float, undercut: float) -> str:
+def _stage(scene: Scene, modes: Mapping[str, str], left: Mapping[Reason, float]) -> str:
+    overcut, undercut = scene.job.tolerance.overcut, scene.job.tolerance.undercut
     looks = "".join(
         f'<button type="button" data-look="{index}">face {face.number} {escape(face.name)}</button>'
         for index, face in enumerate(scene.faces)
@@ -131,6 +141,10 @@ def _stage(scene: Scene, modes: Mapping[str, str], overcut: float, undercut: flo
         '<div class="legend" data-legend="cut" hidden>the cut that goes deepest where the gap is within tolerance'
         f"<br>{_swatch(LEFT)}not covered</div>",
     ]
+    if "reason" in modes:
+        colours = {Reason.COVERED: COVERED} | GREYS
+        rows = [f"{_swatch(colours[why])}{REASON_WORDS[why]}: {area:.0f} mm²" for why, area in left.items() if area]
+        legends.append(f'<div class="legend" data-legend="reason" hidden>{"<br>".join(rows)}</div>')
     if len(modes) > len(legends):
         legends.append(
             '<div class="legend" data-legend="reach" hidden>least axis error of any line that touches there, µm'

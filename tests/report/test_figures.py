@@ -22,12 +22,12 @@ DRAWN: dict[str, Callable[[], Figure]] = {
     "axes": lambda: figures.axes_figure(scene(), POSED),
     "lines": lambda: figures.lines_figure(scene(), [Sweep(0, "T1", lying())]),
 }
-MAGIC = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+MAGIC = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
 
 @pytest.mark.parametrize("name", DRAWN)
 def test_equal_inputs_give_equal_figures(name: str) -> None:
-    kind = {"axes": "svg", "sweeps": "pdf"}.get(name, "png")
+    kind = {"axes": ".svg", "sweeps": ".pdf"}.get(name, ".png")
     data = figures.encoded(DRAWN[name](), kind)
     assert data.startswith(MAGIC[kind])
     assert data == figures.encoded(DRAWN[name](), kind)

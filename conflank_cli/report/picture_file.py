@@ -1,4 +1,4 @@
-"""Files of pictures that commands draw: their formats."""
+"""Files of pictures: their formats."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FORMATS = {
 DPI = 130
 
 
-def picture_suffix(file: str) -> str:
-    """The suffix of a picture's file.
+def picture_suffix(file: str, option: str = "--picture") -> str:
+    """The suffix of a picture's file, which an option names.
 
     Raises
     ------
@@ -26,6 +26,6 @@ def picture_suffix(file: str) -> str:
     suffix = Path(file).suffix.lower()
     if suffix not in FORMATS:
         raise UsageError(
-            f"--picture {file}", f"suffix {suffix!r}", "one of " + ", ".join(FORMATS), "Rename the picture."
+            f"{option} {file}", f"suffix {suffix!r}", "one of " + ", ".join(FORMATS), "Rename the picture."
         )
     return suffix
