@@ -1,9 +1,9 @@
 """What the report of the sample blade weighs, and what a browser makes of it.
 
-Run with ``python -m benchmarks.report OUT`` on a folder that `conflank run` wrote for sample_parts/blisk_blade/job.toml.
-Without a browser on this machine only the size is measured. The program has fewer poses than the 5,000 that are asked
-for; for the size its ways are cut into parts, and the page in the browser is that larger one. Without a graphics card the
-browser draws with the processor: pictures a second are those of this machine, whatever else it does.
+Run with ``python -m benchmarks.report OUT`` on a folder that `conflank run` wrote for the sample blade's job. Without a
+browser on this machine only the size is measured. The program has fewer poses than the 5,000 that are asked for: its
+ways are cut into parts, and the page in the browser is that larger one. Without a graphics card the browser draws with
+the processor: pictures a second are those of this machine, whatever else it does.
 """
 
 from __future__ import annotations
@@ -51,11 +51,17 @@ def densified(posed: PosedProgram, poses: int) -> PosedProgram:
         share = (place - low).reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[low] + share * values[owner])
 
-    names = ("point", "rotary", "vector")
     dense = replace(
         moves,
-        **{name: between(getattr(moves, name)) for name in names},
-        **{name: getattr(moves, name)[owner] for name in ("feed", "rapid", "block", "cut", "tool", "interpolation")},
+        point=between(moves.point),
+        rotary=between(moves.rotary),
+        vector=between(moves.vector),
+        feed=moves.feed[owner],
+        rapid=moves.rapid[owner],
+        block=moves.block[owner],
+        cut=moves.cut[owner],
+        tool=moves.tool[owner],
+        interpolation=moves.interpolation[owner],
         joined=moves.joined[owner] & (np.arange(len(owner)) > 0),
     )
 

@@ -1,16 +1,17 @@
 """Options and arguments that several commands share, declared once.
 
-=================  =======  =====  ======  ========  ======  ====  ======  ===  ========
-option             inspect  reach  detect  optimize  select  post  verify  run  machines
-=================  =======  =====  ======  ========  ======  ====  ======  ===  ========
+=================  =======  =====  ======  ========  ======  ====  ======  ===  ======  ====  ======  ========
+option             inspect  reach  detect  optimize  select  post  verify  run  report  plot  export  machines
+=================  =======  =====  ======  ========  ======  ====  ======  ===  ======  ====  ======  ========
 FILE, default -       x       x      x        x        x      x      x
+FILE...                                                                           x      x      x
 JOB                                                                         x
--o, --output                         x        x        x      x      x
+-o, --output                         x        x        x      x      x            x      x      x
 --out                                                                       x
 --job                                         x        x      x      x
---json                x       x                         x                   x      x
--q -v --debug -h      x       x      x        x        x      x      x      x      x
-=================  =======  =====  ======  ========  ======  ====  ======  ===  ========
+--json                x       x                         x                   x                           x
+-q -v --debug -h      x       x      x        x        x      x      x      x     x      x      x       x
+=================  =======  =====  ======  ========  ======  ====  ======  ===  ======  ====  ======  ========
 
 "-" is standard input or standard output. Results go to standard output, everything else to standard error.
 """

@@ -100,10 +100,7 @@ def _figures(verification: Verification, scene: Scene) -> str:
     deepest = 1e3 * scene.job.tolerance.overcut
     items = (
         ("coverage", f"{100.0 * verification.coverage:.2f} %", verification.coverage >= wanted),
-        *(
-            [("coverage by sweeps alone", f"{100.0 * verification.coverage_flank:.2f} %", None)]
-            * bool(verification.passes)
-        ),
+        *([("by sweeps alone", f"{100.0 * verification.coverage_flank:.2f} %", None)] * bool(verification.passes)),
         ("mean gap where covered", NEVER if mean is None else f"{mean:.2f} µm", None),
         ("deepest overcut", f"{verification.overcut_max_um:.1f} µm", verification.overcut_max_um <= deepest + 1e-4),
         ("most stock left", NEVER if stock is None else f"{stock:.0f} µm", None),

@@ -188,7 +188,8 @@ export class View {
     const faces = index < 0 ? this.faces : [this.faces[index]];
     const normal = new THREE.Vector3();
     faces.forEach(({ entry }) => normal.add(vector(entry.normal)));
-    this.approach(this.bounds(...faces.map((face) => face.mesh)), normal, 1);
+    const around = index < 0 ? [this.layer("rest"), this.layer("obstacles")] : [];
+    this.approach(this.bounds(...faces.map((face) => face.mesh), ...around), normal, 1);
   }
 
   approach(box, normal, margin) {
