@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import make_interp_spline
 
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.face import DesignFace
@@ -26,8 +27,8 @@ Bytes = npt.NDArray[np.uint8]
 POSES, HEIGHTS = 200, 40
 """Points of a surface along its sweep and along the flute."""
 
-FITTED_WITHIN = 1e-4
-"""mm by which an envelope in STEP may be off its points."""
+ALONG_FLUTE = 3
+"""Along the flute every so-many-th point is one of an envelope's B-spline surface: it is smooth there."""
 
 GRID = (40, 40)
 """Points of a face to which the side of an envelope is judged."""
@@ -182,13 +183,9 @@ def encoded_step(faces: Sequence[tuple[str, Any]]) -> bytes:
 def ruled_face(motion: Motion) -> Any:
     """The ruled surface of a motion as a face of the CAD kernel: exactly, of degree 3 by 1."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
-    from OCP.Geom import Geom_BSplineSurface
 
-    knots, counts = np.unique(motion.knots, return_counts=True)
     poles = np.stack([motion.p, motion.q], axis=1)
-    surface = Geom_BSplineSurface(
-        _points(poles), _reals(knots), _reals([0.0, 1.0]), _integers(counts), _integers([2, 2]), DEGREE, 1
-    )
+    surface = _surface(poles, [motion.knots, np.array([0.0, 0.0, 1.0, 1.0])], (DEGREE, 1))
     return BRepBuilderAPI_MakeFace(surface, 1e-6).Face()
 
 
@@ -200,15 +197,29 @@ def envelope_face(points: Array) -> Any:
     NumericalError: there are poses at which the cutter does not touch its envelope.
     """
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
-    from OCP.GeomAbs import GeomAbs_C2
-    from OCP.GeomAPI import GeomAPI_PointsToBSplineSurface
 
     if not np.isfinite(points).all():
         raise NumericalError(
             "envelope", "a motion that runs along its own axis somewhere", "one across it", "Export a mesh instead."
         )
-    fit = GeomAPI_PointsToBSplineSurface(_points(points[::4, ::4]), 3, 5, GeomAbs_C2, FITTED_WITHIN)
-    return BRepBuilderAPI_MakeFace(fit.Surface(), 1e-6).Face()
+    through = points[:, ::ALONG_FLUTE]
+    splines = []
+    poles = through
+    for axis in (0, 1):
+        # Interpolation along one direction, then of its control points along the other.
+        spline = make_interp_spline(np.linspace(0.0, 1.0, poles.shape[axis]), poles, k=DEGREE, axis=axis)
+        poles = np.moveaxis(spline.c, 0, axis)
+        splines.append(spline)
+    return BRepBuilderAPI_MakeFace(_surface(poles, [spline.t for spline in splines], (DEGREE, DEGREE)), 1e-6).Face()
+
+
+def _surface(poles: Array, knots: Sequence[Array], degrees: tuple[int, int]) -> Any:
+    """A B-spline surface of the CAD kernel."""
+    from OCP.Geom import Geom_BSplineSurface
+
+    each = [np.unique(values, return_counts=True) for values in knots]
+    tables = [_reals(values) for values, _ in each] + [_integers(counts) for _, counts in each]
+    return Geom_BSplineSurface(_points(poles), *tables, *degrees)
 
 
 def _points(points: Array) -> Any:

@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from OCP.BRep import BRep_Tool
+from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
+from OCP.gp import gp_Pnt
 
 from conflank_cli.cad.reader import read_part
 from conflank_cli.errors import NumericalError
@@ -76,8 +79,12 @@ def test_envelopes_in_step_pass_through_their_points(tmp_path: Path) -> None:
     points = models.envelope_points(motion, T2, FACE)
     (tmp_path / "envelope.step").write_bytes(models.encoded_step([("sweep 1", models.envelope_face(points))]))
     (face,) = read_part(tmp_path / "envelope.step", 1.0).faces
-    poles = face.load().surface.poles
-    assert poles[0, 0] == pytest.approx(points[0, 0], abs=1e-3)
+    surface = face.load().surface
+    assert surface.poles[0, 0] == pytest.approx(points[0, 0]) and surface.poles[-1, -1] == pytest.approx(points[-1, -1])
+    # The other points of the flute are on it as well, by the CAD kernel's own projection.
+    kernel = BRep_Tool.Surface_s(models.envelope_face(points))
+    off = [GeomAPI_ProjectPointOnSurf(gp_Pnt(*p), kernel).LowerDistance() for p in points[::19, 1::3].reshape(-1, 3)]
+    assert max(off) < 1e-5
     points[5, 5] = np.nan
     with pytest.raises(NumericalError):
         models.envelope_face(points)
