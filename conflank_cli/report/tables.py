@@ -11,7 +11,7 @@ from conflank_cli.coverage import REASON_WORDS, Reason
 from conflank_cli.report.colours import COVERED, GAP, GREYS, LEFT, OVERCUT, REACH
 from conflank_cli.report.findings import Spot
 from conflank_cli.scene import Scene
-from conflank_cli.verification.result import CutFigures, Verification
+from conflank_cli.verification.result import CutFigures, FaceFigures, Verification
 from conflank_cli.verification.verify import PosedProgram
 
 NEVER = "-"
@@ -81,7 +81,8 @@ def page_body(
         _shown(modes, obstacles),
         _places(places),
         "</aside>\n</div>\n",
-        f"<h2>Cuts</h2>\n{_cuts(cuts)}",
+        _cuts(cuts, "sweep"),
+        _cuts(cuts, "pass"),
         f"<h2>Faces</h2>\n{_faces(verification, scene)}",
         '<h2>Over time</h2>\n<div id="charts"></div>\n',
         f"<h2>Job</h2>\n{_facts(scene, posed, verification)}</main>\n",
@@ -202,17 +203,23 @@ def _places(places: Sequence[Spot]) -> str:
     return f'<fieldset><legend>Findings and places</legend>{none}<ul class="places">{"".join(items)}</ul></fieldset>\n'
 
 
-def _table(columns: Sequence[tuple[str, str]], rows: Iterable[Sequence[tuple[str, str]]], index: str = "") -> str:
-    """Headings and cells are (class, HTML); `index` names an attribute that numbers the rows."""
+def _table(
+    columns: Sequence[tuple[str, str]],
+    rows: Sequence[Sequence[tuple[str, str]]],
+    index: str = "",
+    numbers: Sequence[int] = (),
+) -> str:
+    """Headings and cells are (class, HTML); `index` names an attribute with the rows' `numbers`."""
 
     def cell(name: str, kind: str, content: str, rest: str = "") -> str:
         own = f' class="{kind}"' if kind else ""
         return f"<{name}{rest}{own}>{content}</{name}>"
 
     head = "".join(cell("th", kind, content, ' scope="col"') for kind, content in columns)
+    marks = [f' data-{index}="{number}"' for number in numbers] or [""] * len(rows)
     body = "".join(
-        "<tr" + (f' data-{index}="{k}"' if index else "") + ">" + "".join(cell("td", *each) for each in row) + "</tr>\n"
-        for k, row in enumerate(rows)
+        f"<tr{mark}>" + "".join(cell("td", *each) for each in row) + "</tr>\n"
+        for mark, row in zip(marks, rows, strict=True)
     )
     return f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n'
 
@@ -221,19 +228,24 @@ def _number(value: float | None, digits: int = 2) -> tuple[str, str]:
     return "", NEVER if value is None else f"{value:.{digits}f}"
 
 
-def _cuts(cuts: Sequence[Cut]) -> str:
-    def switch(layer: str, index: int, cut: Cut, on: bool) -> tuple[str, str]:
-        checked = " checked" if on else ""
-        what = {"ruled": "ruled surface", "patch": "patch"}[layer]
-        return "", (f'<input type="checkbox" data-layer="{layer}:{index}" aria-label="{what} of {cut.label}"{checked}>')
+def _cuts(cuts: Sequence[Cut], kind: str) -> str:
+    """The sweeps, or the passes, under a heading; nothing where there is none. Rows are numbered over all cuts."""
+    own = [(index, cut) for index, cut in enumerate(cuts) if cut.kind == kind]
+    # A pass has a way and no ruled surface.
+    layers = {"ruled": ("ruled surface", ""), "patch": ("patch", " checked")}
+    if kind == "pass":
+        layers.pop("ruled")
 
     def row(index: int, cut: Cut) -> Sequence[tuple[str, str]]:
         figures = cut.figures
         feed = NEVER if cut.feed is None else " – ".join(dict.fromkeys(f"{value:.0f}" for value in cut.feed))
+        switches = (
+            f'<input type="checkbox" data-layer="{layer}:{index}" aria-label="{what} of {cut.label}"{on}>'
+            for layer, (what, on) in layers.items()
+        )
         return (
             ("text", f'{_swatch(cut.colour)}<button type="button" data-seek="{cut.first}">{cut.label}</button>'),
-            switch("ruled", index, cut, False),
-            switch("patch", index, cut, True),
+            *(("", switch) for switch in switches),
             ("text", escape(figures.tool)),
             ("", NEVER if cut.face is None else str(cut.face)),
             _number(figures.length_mm),
@@ -245,38 +257,36 @@ def _cuts(cuts: Sequence[Cut]) -> str:
             _number(figures.time_s),
         )
 
-    every = '<input type="checkbox" data-all="{0}" aria-label="all {1}"{2}> {3}'
+    if not own:
+        return ""
     numbers = ("face", "length mm", "covered mm²", "gap min µm", "mean µm", "max µm", "feed mm/min", "time s")
-    columns = [
-        ("text", "cut"),
-        ("", every.format("ruled", "ruled surfaces", "", "ruled surface")),
-        ("", every.format("patch", "patches", " checked", "patch")),
-        ("text", "tool"),
-        *(("", name) for name in numbers),
-    ]
-    return _table(columns, [row(index, cut) for index, cut in enumerate(cuts)], "cut")
+    every = (
+        f'<label><input type="checkbox" data-all="{layer}"{on}> {what}</label>' for layer, (what, on) in layers.items()
+    )
+    columns = [("text", kind), *(("", switch) for switch in every), ("text", "tool"), *(("", name) for name in numbers)]
+    title = {"sweep": "Sweeps", "pass": "Ball passes"}[kind]
+    table = _table(columns, [row(index, cut) for index, cut in own], "cut", [index for index, _ in own])
+    return f'<section data-kind="{kind}">\n<h2>{title}</h2>\n{table}</section>\n'
 
 
 def _faces(verification: Verification, scene: Scene) -> str:
     names = {face.number: face.name for face in scene.faces}
-    return _table(
-        [
-            ("", "face"),
-            ("text", "name"),
-            *(("", name) for name in ("area mm²", "covered %", "deepest overcut µm", "most stock µm")),
-        ],
-        (
-            (
-                ("", str(face.face)),
-                ("text", escape(names.get(face.face, ""))),
-                _number(face.area_mm2),
-                _number(100.0 * face.coverage),
-                _number(face.overcut_max_um),
-                _number(face.stock_max_um),
-            )
-            for face in verification.faces
-        ),
-    )
+    copies = len({face.copy for face in verification.faces}) > 1
+
+    def row(face: FaceFigures) -> Sequence[tuple[str, str]]:
+        return (
+            ("", str(face.face)),
+            ("text", escape(names.get(face.face, ""))),
+            *([("", str(face.copy))] if copies else []),
+            _number(face.area_mm2),
+            _number(100.0 * face.coverage),
+            _number(face.overcut_max_um),
+            _number(face.stock_max_um),
+        )
+
+    numbers = (["copy"] if copies else []) + ["area mm²", "covered %", "deepest overcut µm", "most stock µm"]
+    columns = [("", "face"), ("text", "name"), *(("", name) for name in numbers)]
+    return _table(columns, [row(face) for face in verification.faces])
 
 
 def _facts(scene: Scene, posed: PosedProgram, verification: Verification) -> str:

@@ -139,6 +139,16 @@ def test_every_cut_has_its_row_and_switches(page: str) -> None:
     assert "sweep 1</button>" in page and "<td>20.00</td>" in page
 
 
+def test_passes_stand_apart_from_sweeps() -> None:
+    text = lying_cone(0.0).replace("; SWEEP 1", "; PASS 1")
+    page = page_of(scene(), text)
+    kinds = [attributes["data-kind"] for tag, attributes in elements(page) if tag == "section"]
+    assert kinds == ["pass"]
+    layers = [attributes.get("data-layer", "") for _, attributes in elements(page)]
+    assert "patch:0" in layers and "ruled:0" not in layers
+    assert "by sweeps alone" in page and "0.00 %" in page
+
+
 def test_findings_jump_to_their_place() -> None:
     text = lying_cone(-0.05)
     page = page_of(scene(), text)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from conflank_cli.job import Setup, Tolerance
+from conflank_cli.posting import post_program
 from conflank_cli.report.gap_map import gap_map
 from conflank_cli.verification.verify import pose_program, verify_program
 from tests.verification.scenes import T1, TCPM, header, lying_on_plane, plane_face, program, scene_of
+from tests.verification.test_pattern import PLATE, pattern_scene, sweep
 
 FACE = plane_face((0.0, 30.0), (2.0, 30.0))
 
@@ -74,3 +76,18 @@ def test_what_is_to_stay_is_no_gap() -> None:
     shown = gap_map(pose_program(lying_cone(0.3), scene_of(FACE)), FACE, (31, 29), allowance=0.3)
     under = (shown.points[..., 0] >= 5) & (shown.points[..., 0] <= 25) & (shown.points[..., 1] <= 20)
     assert shown.gap[under] == pytest.approx(0.0, abs=1e-7)
+
+
+def test_of_copies_the_worst_counts() -> None:
+    """Three plates about z; on the second the cutter goes 20 um deeper."""
+    scene = pattern_scene()
+    text, _ = post_program(scene, [sweep()])
+    start, end = text.index("; APPROACH 2"), text.index("; APPROACH 3")
+    z = float(text[text.index("; SWEEP 2") :].split(" Z")[1].split()[0])
+    deeper = text[:start] + text[start:end].replace(f"Z{z:+.4f}", f"Z{z - 0.02:+.4f}") + text[end:]
+    posed = pose_program(deeper, scene)
+    assert len(posed.by_copy) == 3
+    shown = gap_map(posed, PLATE, (20, 20))
+    assert shown.gap == pytest.approx(-0.02, abs=1e-3)
+    # Each cut is seen from the copy that it is for.
+    assert shown.by_cut[0] == pytest.approx(0.0, abs=1e-3) and shown.by_cut[1] == pytest.approx(-0.02, abs=1e-3)

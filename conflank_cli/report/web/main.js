@@ -126,7 +126,7 @@ function wire(report, arrays) {
   });
   all("[data-all]").forEach((box) =>
     box.addEventListener("change", () =>
-      all(`[data-layer^='${box.dataset.all}:']`).forEach((each) => {
+      box.closest("section").querySelectorAll(`[data-layer^='${box.dataset.all}:']`).forEach((each) => {
         each.checked = box.checked;
         apply(each);
       }),

@@ -95,6 +95,7 @@ export class View {
       this.layer(name).add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ vertexColors: true })));
     }
     report.cuts.forEach((cut, index) => {
+      if (cut.kind !== "sweep") return;
       const geometry = new THREE.BufferGeometry().setFromPoints(strips[index]);
       geometry.computeVertexNormals();
       const material = new THREE.MeshLambertMaterial({
