@@ -263,7 +263,7 @@ def _pack_face(pack: Packer, index: int, shown: GapMap, faces: int) -> dict[str,
     pack.points(f"face{index}_points", points.reshape(-1, 3))
     pack.exact(f"face{index}_inside", _share_inside(shown), "u1")
     pack.whole(f"face{index}_gap", _steps(shown.gap), "i2")
-    near = [k for k, gap in enumerate(shown.by_cut) if (np.abs(gap[shown.inside]) < GAP_STEP * FAR).any()]
+    near = [k for k, gap in enumerate(shown.by_cut) if (np.abs(gap[shown.about]) < GAP_STEP * FAR).any()]
     for k in near:
         pack.whole(f"face{index}_cut{k}", _steps(shown.by_cut[k]), "i2")
     return {
@@ -274,7 +274,7 @@ def _pack_face(pack: Packer, index: int, shown: GapMap, faces: int) -> dict[str,
         "grid": shape,
         "mesh": (side, side),
         "cuts": near,
-        "normal": np.round(shown.normals[shown.inside].mean(axis=0), 6).tolist(),
+        "normal": np.round(shown.normals[shown.about].mean(axis=0), 6).tolist(),
     }
 
 

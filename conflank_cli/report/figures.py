@@ -139,7 +139,7 @@ def coverage_figure(scene: Scene, posed: PosedProgram) -> Figure:
         for k in near:
             panel.contour(shown.u, shown.v, covers[k].T.astype(float), [0.5], colors=[cut_colour(k)], linewidths=1.4)
         areas = _areas(shown)
-        share = float(areas[covered].sum() / areas[shown.inside].sum())
+        share = float(areas[covered].sum() / areas[shown.about].sum())
         panel.set(xlabel="u", ylabel="v")
         panel.set_title(f"face {shown.face.number} {shown.face.name}: {100.0 * share:.1f} % covered", fontsize=9)
     cuts = posed.program.cuts
@@ -180,7 +180,7 @@ def sweeps_figure(scene: Scene, posed: PosedProgram) -> Figure:
         gaps = [shown.by_cut[:count].min(axis=0) for shown in maps]
         good = [shown.inside & (gap >= -over) & (gap <= under) for shown, gap in zip(maps, gaps, strict=True)]
         area = sum(float(weight[chosen].sum()) for weight, chosen in zip(weights, good, strict=True))
-        total = sum(float(weight[shown.inside].sum()) for weight, shown in zip(weights, maps, strict=True))
+        total = sum(float(weight[shown.about].sum()) for weight, shown in zip(weights, maps, strict=True))
         error = sum(
             float((weight * np.abs(gap))[chosen].sum()) for weight, gap, chosen in zip(weights, gaps, good, strict=True)
         )
@@ -260,7 +260,7 @@ def _stage(scene: Scene, index: int, painted: Sequence[Mesh] = ()) -> tuple[Came
     bodies = []
     if len(scene.check.triangles):
         body = facet_mesh(scene.check.vertices, scene.check.triangles, np.array(to_rgb(BODY)))
-        in_front = _in_front(camera, body.vertices, shown.points[shown.inside])
+        in_front = _in_front(camera, body.vertices, shown.points[shown.about])
         bodies.append(Mesh(body.vertices, body.normals, body.colours, body.triangles, in_front))
     others = [face_grid(face, GRID) for k, face in enumerate(scene.faces) if k != index]
     bodies += [grid_mesh(each.points, each.normals, _plain(each.points), each.inside) for each in others]
@@ -285,7 +285,7 @@ def _plain(points: Array) -> Array:
 
 def _camera(shown: FaceGrid, lift: float) -> Camera:
     """Looks at a face against its mean normal, `lift` of the way along the longer of its edges; all of it fits."""
-    normal = shown.normals[shown.inside].mean(axis=0)
+    normal = shown.normals[shown.about].mean(axis=0)
     normal /= np.linalg.norm(normal)
     # Upwards is where the face runs along its second parameter: for a blade that is from hub to tip or across it.
     up = shown.points[:, -1].mean(axis=0) - shown.points[:, 0].mean(axis=0)
@@ -294,7 +294,7 @@ def _camera(shown: FaceGrid, lift: float) -> Camera:
     towards = normal + lift * up
     towards /= np.linalg.norm(towards)
     free = Camera(towards, up, np.zeros(2), np.ones(2), 1.0)
-    flat = shown.points[shown.inside] @ free.rotation[:2].T
+    flat = shown.points[shown.about] @ free.rotation[:2].T
     rim = AROUND * np.ptp(flat, axis=0).max()
     low, high = flat.min(axis=0) - rim, flat.max(axis=0) + rim
     return Camera(towards, up, low, high, PIXELS_ACROSS / float((high - low).max()))

@@ -44,6 +44,11 @@ class FaceGrid:
     normals: Array
     inside: Flags
 
+    @property
+    def about(self) -> Flags:
+        """The points that tell where the face is: those inside, or all if it is too narrow for any to be."""
+        return self.inside if self.inside.any() else np.ones_like(self.inside)
+
 
 @dataclass(frozen=True, slots=True)
 class GapMap(FaceGrid):

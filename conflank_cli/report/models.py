@@ -107,7 +107,7 @@ def _distance(points: Array, face: DesignFace) -> float:
 
     grid = face_grid(face, GRID)
     known = points[np.isfinite(points).all(axis=2)]
-    return float(np.median(cKDTree(grid.points[grid.inside]).query(known)[0])) if len(known) else np.inf
+    return float(np.median(cKDTree(grid.points[grid.about]).query(known)[0])) if len(known) else np.inf
 
 
 def envelope_sheet(name: str, motion: Motion, tool: Tool, face: DesignFace, index: int) -> Sheet:

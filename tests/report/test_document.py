@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import zlib
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from conflank_cli.report import document
 from conflank_cli.report.document import report_html
-from conflank_cli.report.gap_map import grid_shape
+from conflank_cli.report.gap_map import face_grid, grid_shape
 from conflank_cli.scene import Scene
 from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.verify import pose_program, verify_program
@@ -175,6 +176,16 @@ def test_a_program_without_a_pose_has_a_report_too() -> None:
     report, arrays = arrays_of(page)
     assert len(arrays["block"]) == 0 and report["cuts"] == []
     assert "CF111" in page
+
+
+def test_a_face_too_narrow_for_the_grid_has_a_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A strip of a hundredth of a millimetre across the box of another."""
+    strips = (np.array([[0.0, 2.0], [30.0, 29.99], [30.0, 30.0], [0.0, 2.01]]),)
+    narrow = scene_of(replace(FACE, loops=strips))
+    report, _ = arrays_of(page_of(narrow, lying_cone(0.0)))
+    assert report["faces"][0]["normal"] == [0.0, 0.0, 1.0]
+    grid = face_grid(replace(FACE, loops=(strips[0] * [1.0, 0.0] + [0.0, 16.0 + 1e-7],)), (5, 4))
+    assert not grid.inside.any() and grid.about.all()
 
 
 def test_grids_are_as_fine_as_asked_within_limits() -> None:
