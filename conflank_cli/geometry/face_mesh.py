@@ -16,6 +16,8 @@ IntArray = npt.NDArray[np.int64]
 
 # Grid lines in either direction: enough to see how a face bends, and not more than is worth the time.
 PROBES, LINES_AT_LEAST, LINES_AT_MOST = 65, 9, 500
+# Edges of triangles are shorter than this, in distances of grid lines.
+LONGEST = 3.0
 # Vertices of a mesh nearer than this are one, mm.
 WELD = 1e-6
 # Triangles of a face that meet at a smaller cosine (at more than 45 degrees) meet at an edge, not along a curved face.
@@ -49,7 +51,10 @@ def face_mesh(face: DesignFace, deflection: float) -> tuple[CheckMesh, Array]:
     uv = np.concatenate([border, grid])
     triangles = Delaunay(even(uv)).simplices.astype(np.int64)
     triangles = triangles[on_face(face, np.ascontiguousarray(uv[triangles].mean(axis=1)))]
+    # Points are a line apart, on the border too, so what reaches further lies along a hollow of the border, outside.
     flat = even(uv)[triangles]
+    near = np.linalg.norm(flat - np.roll(flat, 1, axis=1), axis=2).max(axis=1) < LONGEST
+    triangles, flat = triangles[near], flat[near]
     first, second = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     turn = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     triangles, turn = triangles[np.abs(turn) > 1e-9], turn[np.abs(turn) > 1e-9]
@@ -72,11 +77,20 @@ def _lines(work: WorkFace, low: Array, high: Array, axis: int, deflection: float
     """Parameters of the grid lines across an axis: an arc between two of them rises by `deflection` at most."""
     probe = np.linspace(low, high, PROBES)
     u, v = (x.ravel() for x in np.meshgrid(probe[:, 0], probe[:, 1], indexing="ij"))
-    tangent = work.projector.evaluate(u, v)[:, 1 + axis].reshape(PROBES, PROBES, 3)
+    frame = work.projector.evaluate(u, v)
+    along, across = frame[:, 1 + axis], frame[:, 2 - axis]
+    tangent = along.reshape(PROBES, PROBES, 3)
+    normal = np.cross(along, across)
+    twist = np.abs(np.einsum("ni,ni->n", frame[:, 4], normal)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    twist = twist.reshape(PROBES, PROBES)
     if axis == 1:
-        tangent = tangent.transpose(1, 0, 2)
+        tangent, twist = tangent.transpose(1, 0, 2), twist.T
     step = (high[axis] - low[axis]) / (PROBES - 1)
     bend = np.linalg.norm(np.diff(tangent, axis=0), axis=2).max(axis=1) / step
+    # A twisted cell lies |<S_uv, n>| h k / 4 off its diagonal; with lines as far apart one way as the other on the face
+    # that is as if it bent by as much along either.
+    square = np.linalg.norm(along, axis=1).mean() / max(float(np.linalg.norm(across, axis=1).mean()), 1e-300)
+    bend = np.maximum(bend, 0.5 * (twist[1:] + twist[:-1]).max(axis=1) * square)
     # A chord of parameter length h leaves |S''| h² / 8; with half of it diagonals of a cell see both directions.
     density = np.sqrt(bend / (4.0 * deflection))
     density = np.maximum(density, max(LINES_AT_LEAST / (high[axis] - low[axis]), 0.05 * float(density.max())))

@@ -29,7 +29,7 @@ BoolArray = npt.NDArray[np.bool_]
 LEAST_GAIN = 0.005
 # Time limits of one face, s: for the fewest or quickest sweeps, and for the best of equally many. Most faces take a
 # second; the limit is there for the few whose proof would take minutes.
-SECONDS, TIE_SECONDS = 15.0, 4.0
+SECONDS, TIE_SECONDS = 5.0, 2.0
 # What decides between covers of equally many sweeps, in shares of the area that it is worth: one tool less, one
 # direction less, a mean |g| that is smaller by the whole tolerance, overlap.
 TOOL_WORTH, DIRECTION_WORTH, ERROR_WORTH, OVERLAP_WORTH = 0.03, 0.01, 0.2, 0.1

@@ -13,9 +13,11 @@ from scipy.optimize import minimize
 from benchmarks.clearance_truth import Truth
 from benchmarks.collision import collider_of, compared, random_poses
 from conflank_cli.geometry.collision import COARSE, COMPONENTS, HOLDER_RESERVE, REACH, RESERVE, Collider, sections_of
-from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.face_mesh import face_mesh, mesh_sags, open_edges
 from conflank_cli.geometry.kernels.collision import TOLERANCE, triangle_least
+from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.job import Obstacles
 from conflank_cli.motion import Motion, fitted
 from conflank_cli.scene import Scene
@@ -234,6 +236,23 @@ def test_triangles_of_a_face_are_as_near_as_they_say(face) -> None:
     assert 0.0 < off.max() <= sag.max() + 1e-9 and sag.max() < 0.002
     assert 0.5 * np.linalg.norm(normal, axis=1).sum() == pytest.approx(8.0 * np.pi / 2 * 30.0, rel=1e-4)
     assert np.all(np.einsum("ti,ti->t", normal, corners.mean(axis=1) * [1.0, 0.0, 1.0]) > 0.0)
+
+
+def test_triangles_follow_a_face_that_is_straight_along_its_lines_and_twisted() -> None:
+    """z = x y / 25 over 30 x 20 mm with a hollow border: neither parameter line bends, only the cells between them."""
+    poles = np.array([[[x, y, x * y / 25.0] for y in (-10.0, 10.0)] for x in (-15.0, 15.0)])
+    knots = np.array([0.0, 0.0, 1.0, 1.0])
+    along = np.linspace(0.0, 1.0, 60)
+    hollow = np.stack([along, 0.8 * along * (1.0 - along)], axis=1)
+    loop = np.vstack([hollow, [[1.0, 1.0], [0.0, 1.0]]])
+    face = DesignFace(0, "twist", BSplineSurface(1, 1, knots, knots, poles), (loop,), 1)
+    mesh, sag = face_mesh(face, 0.001)
+    assert sag.max() < 0.002
+    corners = mesh.vertices[mesh.triangles]
+    x, y, z = corners.mean(axis=1).T
+    assert np.abs(z - x * y / 25.0).max() <= sag.max() + 1e-9
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    assert area == pytest.approx(WorkFace.of(face, 0.0).samples(0.1).areas.sum(), rel=2e-3)
 
 
 def test_sag_of_a_mesh_is_the_rise_of_its_arcs() -> None:
