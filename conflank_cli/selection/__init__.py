@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,7 +22,7 @@ from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
-from conflank_cli.selection.choice import SECONDS, Candidate, Chosen, choose
+from conflank_cli.selection.choice import Candidate, Chosen, choose
 from conflank_cli.selection.obstruction import obstruction_of
 from conflank_cli.selection.order import Cut, in_order
 from conflank_cli.selection.remainder import POINTS as SPARSE_POINTS
@@ -209,11 +208,9 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             cleared: set[Candidate] = set()
             lifts: dict[Candidate, int] = {}
             gaps: dict[Candidate, Array] = {}
-            end = time.monotonic() + SECONDS
             raises, exact = 0, False
             while True:
-                left = max(end - time.monotonic(), 1.0)
-                chosen = choose(own, face.coarse.areas, face.coarse.cell, job, at_hand, target, left, exact=exact)
+                chosen = choose(own, face.coarse.areas, face.coarse.cell, job, at_hand, target, exact=exact)
                 new = [item for item in chosen.items if item not in cleared]
                 rest = dict(zip(new, pool.map(without_collision, new), strict=True))
                 cleared |= {item for item in rest.values() if item is not None}
@@ -241,7 +238,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
                     continue
                 if not exact:
                     # Most of what gouges shows itself while choosing is quick.
-                    exact, end = True, time.monotonic() + SECONDS
+                    exact = True
                     continue
                 result = _Result.of(face, chosen, [gaps[item] for item in chosen.items], under)
                 short = job.selection.coverage - result.share

@@ -7,7 +7,6 @@ and directions, and overlaps less (`ties`).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -27,16 +26,16 @@ BoolArray = npt.NDArray[np.bool_]
 
 # A sweep that adds less than this share of the area is not worth its time.
 LEAST_GAIN = 0.005
-# Time limits of one face, s: for the fewest or quickest sweeps, and for the best of equally many. Most faces take a
-# second; the limit is there for the few whose proof would take minutes.
-SECONDS, TIE_SECONDS = 5.0, 2.0
+# Limits of branch-and-bound nodes: for the fewest or quickest sweeps, and for the best of equally many. Most faces are
+# proven with fewer; the limits are there for the few that would take minutes.
+NODES, TIE_NODES = 100, 20
 # What decides between covers of equally many sweeps, in shares of the area that it is worth: one tool less, one
 # direction less, a mean |g| that is smaller by the whole tolerance, overlap.
 TOOL_WORTH, DIRECTION_WORTH, ERROR_WORTH, OVERLAP_WORTH = 0.03, 0.01, 0.2, 0.1
 # So much of the area beyond the goal is kept where equally many sweeps give it.
 SPARE = 0.003
 # Smaller differences than this are no reason to look further.
-TIE_STEP = 0.002
+TIE_STEP = 0.01
 # Machining time is told apart to this, s.
 TIME_STEP = 0.1
 # What a tool change and a way to and from a sweep take, s. They only weigh sweeps against each other; what a program
@@ -113,7 +112,6 @@ def choose(
     job: Job,
     at_hand: Collection[str],
     target: float,
-    seconds: float = SECONDS,
     *,
     exact: bool = True,
 ) -> Chosen:
@@ -127,7 +125,6 @@ def choose(
     at_hand: tools that are used anyway.
     target: share of the area to cover. Where no greedy cover reaches it with sweeps that each add `LEAST_GAIN`, what it
         reaches is the goal.
-    seconds: time limit of the exact cover.
     exact: without it the greedy cover is taken.
     """
     covers = np.array([item.covered for item in items]).reshape(len(items), len(areas))
@@ -137,7 +134,6 @@ def choose(
     items, covers = [items[int(k)] for k in own], covers[own]
     gaps = np.array([item.gap for item in items])
     errors = mean_errors(covers, gaps, areas)
-    start = time.monotonic()
     timed = job.selection.objective == "time"
     tools = _classes([item.sweep.tool for item in items])
     change = np.array([0.0 if name in at_hand else 1.0 for name in dict.fromkeys(item.sweep.tool for item in items)])
@@ -161,15 +157,14 @@ def choose(
     if not exact:
         return Chosen([items[k] for k in incumbent], *greedy, price.of(incumbent, 0.0), 0.0, goal)
     step = TIME_STEP if timed else 1.0
-    left = seconds - (time.monotonic() - start)
-    found = exact_cover(covers, areas, cells, goal, price, incumbent, step, max(left, 1.0))
+    found = exact_cover(covers, areas, cells, goal, price, incumbent, step, NODES)
     chosen = found.chosen
     if not timed:
         # Points of the choice flatter it: some area to spare keeps it from falling short where it is measured.
         chosen = widened(covers, areas, chosen)
         goal_kept = min(goal + SPARE, share_covered(covers, areas, chosen))
         tie = _ties(items, covers, areas, errors, tools, change, 0.5 * (job.tolerance.overcut + job.tolerance.undercut))
-        more = exact_cover(covers, areas, cells, goal_kept, tie, chosen, TIE_STEP, TIE_SECONDS, most=len(chosen))
+        more = exact_cover(covers, areas, cells, goal_kept, tie, chosen, TIE_STEP, TIE_NODES, most=len(chosen))
         chosen = more.chosen
     return Chosen([items[k] for k in chosen], *greedy, found.price, found.bound, goal)
 

@@ -13,7 +13,6 @@ more than it covers, until the answer holds on the points. Borders of patches ar
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -99,7 +98,7 @@ def exact_cover(
     price: Price,
     incumbent: list[int],
     step: float,
-    seconds: float,
+    nodes: int,
     most: int | None = None,
 ) -> ExactCover:
     """The cheapest sets that cover the share `goal` of the area.
@@ -113,10 +112,10 @@ def exact_cover(
     price: what is to be least.
     incumbent: a cover that reaches the goal; the answer is never worse.
     step: an improvement by less than this is not looked for. Prices that are whole multiples of it sharpen the bound.
-    seconds: time limit. It is the one thing here that depends on the machine.
+    nodes: limit of branch-and-bound nodes in all. Equal inputs give equal covers, as a limit of time would not.
     most: largest number of sets.
     """
-    end = time.monotonic() + seconds
+    left = nodes
     index = undominated(covers, price, keep=incumbent)
     own, prices = covers[index], price.only(index)
     place = {int(k): i for i, k in enumerate(index)}
@@ -138,12 +137,12 @@ def exact_cover(
             # Whatever becomes of the integers, this holds.
             bound = max(bound, _rounded(model.relaxed(), step if whole else 0.0))
             relaxed = False
-        left = end - time.monotonic()
         if bound >= least - step + 1e-9 or left <= 0.0:
             break
         answer = model.solve(least - step, left)
         if answer is None:
             break
+        left -= max(answer.nodes, 1)
         if answer.infeasible:
             bound = max(bound, least - (0.0 if whole else step))
             break
@@ -236,9 +235,12 @@ def exchanged(
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
+    """What a program of blocks gave: sets, a bound on their price, whether there are none, nodes it took."""
+
     chosen: list[int]
     bound: float
     infeasible: bool
+    nodes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,18 +269,18 @@ class _Model:
 
     def relaxed(self) -> float:
         """Least price with sets taken in part."""
-        found = self._milp(np.inf, 60.0, whole=False)
+        found = self._milp(np.inf, 1, whole=False)
         return float(found.fun) if found.status == 0 else -np.inf
 
-    def solve(self, limit: float, seconds: float) -> _Answer | None:
-        """Sets of the least price up to `limit`; None where the time did not do."""
-        found = self._milp(limit, seconds, whole=True)
+    def solve(self, limit: float, nodes: int) -> _Answer | None:
+        """Sets of the least price up to `limit`; None where so many nodes did not do."""
+        found = self._milp(limit, nodes, whole=True)
         if found.status == INFEASIBLE:
-            return _Answer([], np.inf, True)
+            return _Answer([], np.inf, True, 1)
         if found.status != 0:
             return None
         chosen = [int(k) for k in np.flatnonzero(found.x[: len(self.price.sets)] > 0.5)]
-        return _Answer(chosen, float(found.mip_dual_bound), False)
+        return _Answer(chosen, float(found.mip_dual_bound), False, int(found.mip_node_count))
 
     def credited(self, covers: BoolArray, areas: Array, answer: _Answer) -> BoolArray:
         """Points (N,) in blocks where an answer is credited with more than it covers."""
@@ -287,7 +289,7 @@ class _Model:
         true = np.bincount(self.block, areas * inside, len(self.areas)) / np.bincount(self.block, areas)
         return np.asarray((credit > true + CREDITED)[self.block])
 
-    def _milp(self, limit: float, seconds: float, *, whole: bool):  # type: ignore[no-untyped-def]
+    def _milp(self, limit: float, nodes: int, *, whole: bool):  # type: ignore[no-untyped-def]
         """Variables: sets, classes, covered shares of the blocks that can be covered."""
         able = np.flatnonzero(self.shares.any(axis=0))
         sets, classes, blocks = len(self.price.sets), len(self.price.classes), len(able)
@@ -313,7 +315,7 @@ class _Model:
             limits.append(LinearConstraint(each, -np.inf, 0.0))
         integer = np.r_[np.ones(sets + classes), np.zeros(blocks)] if whole else np.zeros(sets + classes + blocks)
         return milp(
-            cost, constraints=limits, integrality=integer, bounds=Bounds(0.0, 1.0), options={"time_limit": seconds}
+            cost, constraints=limits, integrality=integer, bounds=Bounds(0.0, 1.0), options={"node_limit": nodes}
         )
 
 

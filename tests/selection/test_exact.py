@@ -43,7 +43,7 @@ def test_price_and_bound_against_all_choices(seed: int, count: int, goal: float,
     step = 1e-3 if priced else 1.0
     greedy = greedy_cover(covers, areas, np.zeros(count), goal, 0.0)
     goal = min(goal, share_covered(covers, areas, greedy))
-    found = exact_cover(covers, areas, CELLS, goal, price, greedy, step, 30.0)
+    found = exact_cover(covers, areas, CELLS, goal, price, greedy, step, 1000)
     reaching = [choice for choice in every_choice(count) if share_covered(covers, areas, choice) >= goal - ROUNDING]
     least = min(price.of(choice, 0.0) for choice in reaching)
     assert share_covered(covers, areas, found.chosen) >= goal - ROUNDING
@@ -60,10 +60,10 @@ def test_area_is_credited_and_the_number_of_sets_kept() -> None:
     covers = np.array([thirds[0], thirds[1] & (CELLS[:, 1] < 6), thirds[2] & (CELLS[:, 1] < 8)])
     areas = np.ones(SIDE**2)
     price = Price(np.zeros(3), np.zeros((0, 3), dtype=np.bool_), np.zeros(0), area=1.0)
-    found = exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 30.0, most=2)
+    found = exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 1000, most=2)
     assert found.chosen == [0, 2]
     assert found.price == -np.count_nonzero(covers[0] | covers[2]) / SIDE**2
-    assert exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 30.0).chosen == [0, 1, 2]
+    assert exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 1000).chosen == [0, 1, 2]
 
 
 def test_blocks_ask_for_less_and_are_split_until_the_answer_holds() -> None:
@@ -71,7 +71,7 @@ def test_blocks_ask_for_less_and_are_split_until_the_answer_holds() -> None:
     black = CELLS.sum(axis=1) % 2 == 0
     left = CELLS[:, 0] < SIDE // 2
     covers = np.array([black, black, left, ~left & (CELLS[:, 1] < 10), CELLS[:, 1] >= 10])
-    found = exact_cover(covers, np.ones(SIDE**2), CELLS, 1.0, Price.count(5), [2, 3, 4], 1.0, 30.0)
+    found = exact_cover(covers, np.ones(SIDE**2), CELLS, 1.0, Price.count(5), [2, 3, 4], 1.0, 1000)
     assert (found.price, found.bound) == (3.0, 3.0)
 
 
@@ -97,7 +97,7 @@ def test_no_time_at_all_leaves_the_incumbent_and_says_how_far_off_it_may_be() ->
     rng = np.random.default_rng(5)
     covers = boxes(rng, 40)
     greedy = greedy_cover(covers, np.ones(SIDE**2), np.zeros(40), 0.95, 0.0)
-    found = exact_cover(covers, np.ones(SIDE**2), CELLS, 0.95, Price.count(40), greedy, 1.0, 0.0)
+    found = exact_cover(covers, np.ones(SIDE**2), CELLS, 0.95, Price.count(40), greedy, 1.0, 0)
     assert found.chosen == sorted(greedy)
     assert found.price == len(greedy)
     assert 1.0 <= found.bound <= len(greedy)
