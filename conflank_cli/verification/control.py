@@ -6,7 +6,7 @@ Source: HEIDENHAIN iTNC 530 user's manuals, conversational (340 49x) and DIN/ISO
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from conflank_cli.verification.program import (
@@ -99,6 +99,17 @@ class Control:
     def feed_unit(self) -> float:
         """Feeds of inch programs are in tenths of an inch a minute."""
         return 1.0 if self.unit == 1.0 else INCH / 10.0
+
+    def running_through(self, flow: Flow) -> Iterator[Block]:
+        """Blocks to follow, in the order they run; comments are read on the way."""
+        while (block := flow.next(self.recorder)) is not None:
+            if block.comments:
+                self.comments(block)
+            if not block.text:
+                continue
+            if block.skippable:
+                self.recorder.find("CF102", "skippable block: read as if it were run", block.number)
+            yield block
 
     def comments(self, block: Block) -> None:
         """Labels of cuts; the header's facts have been read before."""

@@ -91,14 +91,8 @@ class _Reading(Control):
         recorder = self.recorder
         jumps = {index: jump for index, block in enumerate(blocks) if (jump := _jump(block.text)) is not None}
         flow = Flow(blocks, jumps)
-        while (block := flow.next(recorder)) is not None:
+        for block in self.running_through(flow):
             text = block.text
-            if block.comments:
-                self.comments(block)
-            if not text:
-                continue
-            if block.skippable:
-                recorder.find("CF102", "skippable block: read as if it were run", block.number)
             found = None if self.incremental else _PLAIN.fullmatch(text)
             if found is None or not self.usual(found.groups(), block.number):
                 self.follow(text.upper(), block.number)
