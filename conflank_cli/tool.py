@@ -66,6 +66,11 @@ class Tool:
         return self.ball_centre_height - self.ball_radius
 
     @property
+    def top(self) -> float:
+        """Height of the top of the holder above the plane of r_min, mm."""
+        return self.length + sum(section.length for section in (*self.shank, *self.holder))
+
+    @property
     def centre_range(self) -> tuple[float, float]:
         """Heights of the lowest and highest sphere centre whose contact lies on the cone, mm."""
         slope = tan(self.half_angle)

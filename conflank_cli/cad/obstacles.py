@@ -76,9 +76,7 @@ def obstacle_notes(scene: Scene) -> list[str]:
     low, high = faces.min(axis=0), faces.max(axis=0)
     own = np.concatenate([faces, scene.check.only(scene.check.face >= 0).vertices])
     part = float(np.linalg.norm(np.ptp(own, axis=0)))
-    reach = max(
-        tool.length - tool.tip_height + sum(s.length for s in (*tool.shank, *tool.holder)) for tool in scene.tools
-    )
+    reach = max(tool.top - tool.tip_height for tool in scene.tools)
     for number, name in enumerate(scene.job.obstacles.meshes):
         mesh = scene.check.only(scene.check.face == -1 - number)
         size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))

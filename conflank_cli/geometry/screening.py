@@ -91,8 +91,8 @@ def _within_reach(scene: Scene, points: Array, spacing: float) -> Array:
     foreign = scene.check.only(scene.check.face < 0)
     if not len(foreign.triangles):
         return np.zeros((0, 3))
-    tops = [tool.length - tool.tip_height + sum(s.length for s in (*tool.shank, *tool.holder)) for tool in scene.tools]
-    low, high = points.min(axis=0) - max(tops), points.max(axis=0) + max(tops)
+    reach = max(tool.top - tool.tip_height for tool in scene.tools)
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
     corners = foreign.vertices[foreign.triangles]
     while True:
         corners = corners[((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)]
@@ -200,9 +200,8 @@ class Screen:
     def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
         """The longest stretch of a motion that violates nothing, or None where there is none worth a cut."""
         # Where the axis swings, the top of the holder travels furthest.
-        top = tool.length + sum(section.length for section in (*tool.shank, *tool.holder))
         p, q = motion.ends(np.linspace(0.0, 1.0, COARSE))
-        high = p + top / tool.length * (q - p)
+        high = p + tool.top / tool.length * (q - p)
         longest = max(float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum()) for x in (p, high))
         length = travel(motion)
         count = max(int(np.ceil(longest / STEP)), 8) + 1

@@ -470,7 +470,7 @@ def _component(tool: Tool, name: str) -> tuple[Body, ...]:
 
 def _reach_box(poses: Poses, tools: list[Tool]) -> tuple[Array, Array]:
     """Box around everything the tools pass through, with a rim."""
-    high = max(tool.length - tool.tip_height + sum(s.length for s in (*tool.shank, *tool.holder)) for tool in tools)
+    high = max(tool.top - tool.tip_height for tool in tools)
     radius = max(
         max([tool.r_max, *(max(s.diameter_low, s.diameter_high) / 2 for s in (*tool.shank, *tool.holder))])
         for tool in tools
