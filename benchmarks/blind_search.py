@@ -118,7 +118,7 @@ class BlindLines:
     footpoints: int
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _on_trim(u, v, vertices, starts, table, box):  # type: ignore[no-untyped-def]
     if u < box[0] or u > box[1] or v < box[2] or v > box[3]:
         return False
@@ -230,7 +230,7 @@ def score(error, on, contact, least):  # type: ignore[no-untyped-def]
     return best, first, shift, tilt
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _counts(j, error, on, first, least):  # type: ignore[no-untyped-def]
     """Whether an error takes part in the norm: in the run, or overcut anywhere on the face."""
     return first <= j < first + least or (on[j] and error[j] < 0.0)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from conflank_cli.cores import threads
 from conflank_cli.detection.clustering import represent
 from conflank_cli.detection.line_field import seed_lines
 from conflank_cli.detection.ruled_fit import fit_motion
@@ -106,7 +105,7 @@ def _families(
         wider = spread(face, tool, motion, len(contact.p), samples, limits) if rank < SPREAD else None
         return contact, [motion] if wider is None else [motion, wider]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threads() as pool:
         fitted = list(pool.map(motions, range(len(families))))
     found: list[tuple[Motion, dict[str, float]]] = []
     for family, (contact, through) in zip(families, fitted, strict=True):

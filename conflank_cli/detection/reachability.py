@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cores import spread
 from conflank_cli.detection.line_field import seed_lines, turned_lines
 from conflank_cli.detection.tracing import sphere_heights
 from conflank_cli.geometry.kernels.reach import NEAR_LOOP, reach_errors
@@ -148,11 +149,17 @@ class _Search:
         """Start from directions d (M, 3) at samples (M,), the spheres `contact` (M,) touching."""
         order = np.lexsort((contact, sample))
         starts = np.searchsorted(sample[order], np.arange(len(self.error) + 1)).astype(np.int64)
-        reach_errors(
-            *self.face.projector.spans, self.face.sense, self.raster, self.vertices, self.loops, self.samples.points,
-            self.samples.normals, self.samples.uv, starts, d[order], contact[order], self.heights, self.radii,
-            self.least, self.error, self.lines, self.height, self.footpoints,
-        )  # fmt: skip
+        directions, contacts, samples = d[order], contact[order], self.samples
+
+        def run(part: slice) -> None:
+            reach_errors(
+                *self.face.projector.spans, self.face.sense, self.raster, self.vertices, self.loops,
+                samples.points[part], samples.normals[part], samples.uv[part], starts[part.start : part.stop + 1],
+                directions, contacts, self.heights, self.radii, self.least,
+                self.error[part], self.lines[part], self.height[part], self.footpoints[part],
+            )  # fmt: skip
+
+        spread(run, len(self.error))
 
     def hand_on(self) -> None:
         """Try at each sample what its neighbours have found: a line touches all the points that its run passes."""

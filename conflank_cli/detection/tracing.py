@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from conflank_cli.cores import spread
 from conflank_cli.detection.line_field import SeedLines
 from conflank_cli.geometry.kernels.axis import refine_all, trace_all
 from conflank_cli.geometry.kernels.cells import mark_cells
@@ -17,6 +18,8 @@ from conflank_cli.limits import Limits
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 # Spheres along the flute: their spacing, 1.2-1.6 mm, is small against the lengths over which a blade bends.
 SPHERES = 20
@@ -60,7 +63,7 @@ class Traced:
     """
 
     sequences: tuple[Sequence, ...]
-    cells: npt.NDArray[np.bool_]
+    cells: BoolArray
     cell_areas: Array
 
 
@@ -96,31 +99,55 @@ def trace(
     cell_areas = _cell_areas(face, samples)
     used = cell_areas > 0.0
     sequences: list[Sequence] = []
-    cells: list[npt.NDArray[np.bool_]] = []
+    cells: list[BoolArray] = []
     rows = 2 * STEPS + 1
     p, d = np.empty((WAVE, rows, 3)), np.empty((WAVE, rows, 3))
     error, u, v, on = (np.empty((WAVE, rows, SPHERES)) for _ in range(4))
     lines_p, lines_d, foot_u, foot_v = seeds.p.copy(), seeds.d.copy(), seeds.uv[:, 0].copy(), seeds.uv[:, 1].copy()
     start = np.argmin(np.abs(seeds.height[:, None] - heights), axis=1)
     found = np.zeros(len(lines_p), dtype=np.bool_)
-    refine_all(
-        *spans, face.sense, face.raster, lines_p, lines_d, heights, radii, start, foot_u, foot_v,
-        over, under, FADED, found,
-    )  # fmt: skip
+
+    def refine(part: slice) -> None:
+        refine_all(
+            *spans, face.sense, face.raster, lines_p[part], lines_d[part], heights, radii, start[part],
+            foot_u[part], foot_v[part], over, under, FADED, found[part],
+        )  # fmt: skip
+
+    def follow(wave: IntArray) -> IntArray:
+        extent = np.zeros((len(wave), 2), dtype=np.int64)
+
+        def run(part: slice) -> None:
+            lines = wave[part]
+            trace_all(
+                *spans, face.sense, face.raster, lines_p[lines], lines_d[lines], heights, radii, start[lines],
+                foot_u[lines], foot_v[lines], STEP, over, under, FADED,
+                p[part], d[part], error[part], u[part], v[part], on[part], extent[part],
+            )  # fmt: skip
+
+        spread(run, len(wave))
+        return extent
+
+    def mark(extent: IntArray) -> BoolArray:
+        marks = np.zeros((len(extent), CELLS, CELLS), dtype=np.bool_)
+
+        def run(part: slice) -> None:
+            mark_cells(
+                spans.breaks_u, spans.breaks_v, error[part], u[part], v[part], on[part], extent[part],
+                over, under, marks[part],
+            )  # fmt: skip
+
+        spread(run, len(extent))
+        return marks
+
+    spread(refine, len(found))
     left = _spread(np.flatnonzero(found))
     while len(left):
         wave, left = left[:WAVE], left[WAVE:]
-        count = len(wave)
-        extent = np.zeros((count, 2), dtype=np.int64)
-        trace_all(
-            *spans, face.sense, face.raster, lines_p[wave], lines_d[wave], heights, radii, start[wave],
-            foot_u[wave], foot_v[wave], STEP, over, under, FADED, p, d, error, u, v, on, extent,
-        )  # fmt: skip
+        extent = follow(wave)
         ways = [(p[k, low:high], d[k, low:high]) for k, (low, high) in enumerate(extent)]
         left = left[~_met(lines_p[left], lines_d[left], ways, tool)]
         _keep_free(screen, tool, p, d, extent)
-        marks = np.zeros((count, CELLS, CELLS), dtype=np.bool_)
-        mark_cells(spans.breaks_u, spans.breaks_v, error[:count], u, v, on, extent, over, under, marks)
+        marks = mark(extent)
         for k in np.flatnonzero(extent[:, 1] - extent[:, 0] >= 4):
             covered = marks[k].ravel()[used]
             if covered.any():
@@ -131,12 +158,12 @@ def trace(
     return Traced(tuple(sequences), table, cell_areas[used])
 
 
-def _spread(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _spread(index: IntArray) -> IntArray:
     """The same numbers in an order of which every beginning is spread evenly over the whole (golden section)."""
     return np.asarray(index[np.argsort(np.arange(len(index)) * GOLDEN % 1.0, kind="stable")])
 
 
-def _met(p: Array, d: Array, ways: list[tuple[Array, Array]], tool: Tool) -> npt.NDArray[np.bool_]:
+def _met(p: Array, d: Array, ways: list[tuple[Array, Array]], tool: Tool) -> BoolArray:
     """Which lines p, d (N, 3) lie on the ways of sequences, lines (K, 3) each."""
     ends = [np.hstack([way_p, way_p + tool.length * way_d]) for way_p, way_d in ways if len(way_p)]
     if not ends or not len(p):
@@ -147,7 +174,7 @@ def _met(p: Array, d: Array, ways: list[tuple[Array, Array]], tool: Tool) -> npt
     return np.asarray(tree.query(np.hstack([p, p + tool.length * d]), distance_upper_bound=reach)[0] < reach)
 
 
-def _keep_free(screen: Screen, tool: Tool, p: Array, d: Array, extent: npt.NDArray[np.int64]) -> None:
+def _keep_free(screen: Screen, tool: Tool, p: Array, d: Array, extent: IntArray) -> None:
     """Shorten the rows in use (N, 2) of every sequence to its longest run of lines that hit nothing, in place."""
     used = [(k, slice(low, high)) for k, (low, high) in enumerate(extent) if high > low]
     if not used:

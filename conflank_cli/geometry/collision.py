@@ -6,8 +6,6 @@ between its poses too, and is for what may be chosen and for what is posted.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.copies import seen_from_first
+from conflank_cli.cores import spread
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.face_mesh import face_mesh, mesh_sags, open_edges
 from conflank_cli.geometry.gap import polynomials_of, travel
@@ -49,8 +48,8 @@ DESIGN_DEFLECTION = 0.001
 REACH = 10.0
 # Stretches of hits of one motion; more would be joined.
 MOST_HITS = 1024
-# Poses to a task where there are many.
-BATCH = 256
+# Fewer poses than this are not worth a thread.
+WORTH_A_THREAD = 64
 # A direction that no edge of a mesh is likely to be along.
 RAY = np.array([0.5377, 0.2147, 0.8154])
 
@@ -216,18 +215,13 @@ class Collider:
         )  # fmt: skip
         p, d = np.ascontiguousarray(p), np.ascontiguousarray(d)
         sections, component = sections_of(tool)
-        batches = [slice(k, k + BATCH) for k in range(0, count, BATCH)]
 
         def run(part: slice) -> None:
             own = Clearances(*(getattr(found, name)[part] for name in Clearances.__slots__))
             for number, body in enumerate(self.bodies):
                 _nearest(number, body, p[part], d[part], tool, sections, component, own)
 
-        if len(batches) > 1:
-            with ThreadPoolExecutor(os.cpu_count()) as pool:
-                list(pool.map(run, batches))
-        elif batches:
-            run(batches[0])
+        spread(run, count, WORTH_A_THREAD)
         found.slack[found.body < 0] = np.inf
         return found
 

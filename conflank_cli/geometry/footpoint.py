@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from conflank_cli.cores import spread
 from conflank_cli.geometry.kernels import footpoint as kernel
 from conflank_cli.geometry.surface import BSplineSurface, Spans, to_spans
 
@@ -20,8 +21,8 @@ CLAMPED = kernel.CLAMPED
 OUTSIDE = kernel.OUTSIDE
 FAILED = kernel.FAILED
 
-# Below this many points the threads cost more than they give.
-PARALLEL_FROM = 4096
+# Below this many points a thread costs more than it gives.
+WORTH_A_THREAD = 2048
 # Seeds a span and direction: Newton converges from anywhere within a third of a cubic span.
 SEEDS_PER_SPAN = 3
 SEEDS_AT_LEAST = 24
@@ -97,9 +98,13 @@ class Projector:
         count = len(points)
         foot, normal = np.empty((count, 3)), np.empty((count, 3))
         distance, flag = np.empty(count), np.empty(count, dtype=np.int64)
-        run = kernel.footpoints_parallel if count >= PARALLEL_FROM else kernel.footpoints
-        run(*self.spans, points, u, v, foot, normal, distance, flag)
-        return Footpoints(u, v, foot, normal, distance, flag)
+        found = Footpoints(u, v, foot, normal, distance, flag)
+
+        def run(part: slice) -> None:
+            kernel.footpoints(*self.spans, points[part], *(field[part] for field in found))
+
+        spread(run, count, WORTH_A_THREAD)
+        return found
 
 
 def _samples(breaks: Array) -> Array:

@@ -71,7 +71,7 @@ class NormalEquations:
 
     def add(self, first: IntArray, basis: Array, rows: Array, residuals: Array, weights: Array) -> None:
         """Add k residuals at each of m times: rows (m, k, 6) by p(t) and q(t) times basis (m, 4), weights (m, k)."""
-        add_rows(self.band, self.right, first, basis, rows, residuals, weights)
+        add_rows(self.band, self.right, first, basis, np.ascontiguousarray(rows), residuals, weights)
 
     def copy(self) -> NormalEquations:
         """The same rows, to add others to."""

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.copies import seen_from_first
+from conflank_cli.cores import spread
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.gap import travel
-from conflank_cli.geometry.kernels.clearance import assembly_slack, assembly_slack_parallel
+from conflank_cli.geometry.kernels.clearance import assembly_slack
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import reachable_axes
@@ -39,6 +40,8 @@ RESERVE = 0.02
 CELL = 5.0
 # Shorter stretches than this are not worth a cut, mm of travel.
 SHORTEST = 3.0
+# Fewer poses than this are not worth a thread.
+WORTH_A_THREAD = 256
 # Slack above this does not matter, mm.
 ENOUGH = 1e-9
 
@@ -176,25 +179,18 @@ class Screen:
 
         `slack` mm of violation is let pass, for poses that are still to be moved.
         """
-        run = assembly_slack_parallel if parallel else assembly_slack
-        sections, component = assembly(tool)
-        ball = np.array([tool.ball_centre_height, tool.ball_radius])
         free = reachable_axes(self.job, d)
-        for cells, margins in (
-            (self.design, self.design_margins),
-            (self.check, self.check_margins),
-            (self.obstacles, self.obstacle_margins),
-        ):
-            if not len(cells.points):
-                continue
-            limits = np.array([getattr(margins, name) for name in component])
-            left = np.full(len(p), ENOUGH)
-            silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)
-            run(
-                p, d, cells.points, cells.starts, cells.centres, cells.radii, silhouette, lowest,
-                ball, margins.cutter, sections, limits, -slack, left,
-            )  # fmt: skip
-            free &= left >= -slack
+
+        def run(part: slice) -> None:
+            for cells, margins in (
+                (self.design, self.design_margins),
+                (self.check, self.check_margins),
+                (self.obstacles, self.obstacle_margins),
+            ):
+                if len(cells.points):
+                    free[part] &= _slack(cells, margins, tool, p[part], d[part], -slack) >= -slack
+
+        spread(run, len(p), WORTH_A_THREAD if parallel else len(p))
         return free
 
     def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
@@ -243,6 +239,20 @@ def _silhouette(sections: Array, ball: Array, margin: float, radii: Array) -> tu
     rows = np.concatenate([sections, [[ball[0] - ball[1], ball[0] + ball[1], ball[1], ball[1]]]])
     there = (rows[None, :, 0] < heights[:, None] + 1.0 + reach) & (rows[None, :, 1] > heights[:, None] - reach)
     return np.where(there, rows[:, 2:].max(axis=1), 0.0).max(axis=1) + max(margin, 0.0), lowest
+
+
+def _slack(cells: PointCells, margins: Margins, tool: Tool, p: Array, d: Array, stop: float) -> Array:
+    """Least distance minus margin of poses (M,) to points, not searched further once below `stop`; at most ENOUGH."""
+    sections, component = assembly(tool)
+    ball = np.array([tool.ball_centre_height, tool.ball_radius])
+    limits = np.array([getattr(margins, name) for name in component])
+    silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)
+    slack = np.full(len(p), ENOUGH)
+    assembly_slack(
+        p, d, cells.points, cells.starts, cells.centres, cells.radii, silhouette, lowest,
+        ball, margins.cutter, sections, limits, stop, slack,
+    )  # fmt: skip
+    return slack
 
 
 def longest_between(motion: Motion, times: Array) -> Motion | None:

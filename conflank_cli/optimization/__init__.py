@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cores import threads
 from conflank_cli.cover import mean_errors, shortlist
 from conflank_cli.errors import NumericalError
 from conflank_cli.geometry.screening import Screen
@@ -57,7 +56,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
     limits = Limits.of(scene.job.tolerance)
     tasks = prepare(scene, {(sweep.face, sweep.tool) for sweep in sweeps})
     task_of = [tasks[sweep.face, sweep.tool] for sweep in sweeps]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with threads() as pool:
 
         def side_by_side(title: str, work: Callable[[_Item], _Result], items: Sequence[_Item]) -> Iterator[_Result]:
             with progress.stage(title, len(items)) as stage:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -12,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from conflank_cli.cores import threads
 from conflank_cli.coverage import FaceCoverage, Reason
 from conflank_cli.geometry.certificate import Certificate, certify
 from conflank_cli.geometry.collision import Collider
@@ -178,7 +177,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             rest |= covered
         return found
 
-    with progress.stage("select", len(sweeps)) as stage, ThreadPoolExecutor(os.cpu_count()) as pool:
+    with progress.stage("select", len(sweeps)) as stage, threads() as pool:
         kept: list[Candidate] = []
         cut_off: list[tuple[Sweep, Candidate | None, list[Sweep]]] = []
         for sweep, (candidate, before) in zip(sweeps, pool.map(trimmed, sweeps), strict=True):

@@ -8,12 +8,16 @@ from math import atan2, cos, hypot, sin
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cores import spread
 from conflank_cli.geometry.kernels.verified_gap import least_distance
 from conflank_cli.tool import Section, Tool
 from conflank_cli.verification.poses import GROUP, Cells, group_cells, unbroken, with_slack
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+
+# Fewer points than this are not worth a thread.
+WORTH_A_THREAD = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,24 +125,22 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     Exact to 0.001 um over the poses of the cells (golden tests: a dense search of poses).
     """
     count = len(points)
-    begin = np.ascontiguousarray(np.broadcast_to(np.asarray(start, dtype=np.float64), (count,)))
+    begin = np.full(count, start, dtype=np.float64)
     if len(cells.cells) == 0 or count == 0:
         return Nearest(begin.copy(), np.full(count, -1, dtype=np.int64), np.zeros(count))
     cells = unbroken(cells)
     table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
     poses, reaches, wide_poses, wide_reaches = group_cells(table, body.low, body.high, body.radius)
-    distance, where, tau = least_distance(
-        np.ascontiguousarray(points, dtype=np.float64),
-        begin,
-        table,
-        poses,
-        reaches,
-        GROUP,
-        wide_poses,
-        wide_reaches,
-        GROUP,
-        body.numbers,
-    )
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    distance, where, tau = np.empty(count), np.empty(count, np.int64), np.empty(count)
+
+    def run(part: slice) -> None:
+        least_distance(
+            points[part], begin[part], table, poses, reaches, GROUP, wide_poses, wide_reaches, GROUP, body.numbers,
+            distance[part], where[part], tau[part],
+        )  # fmt: skip
+
+    spread(run, count, WORTH_A_THREAD)
     found = where >= 0
     move = np.where(found, cells.move[where], -1)
     share = np.where(found, cells.begin[where] + tau * cells.width[where], 0.0)

@@ -7,9 +7,10 @@ sit on it at heights[j]; the axis error there is sense * distance - radius - all
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from conflank_cli.geometry.kernels.footpoint import CLAMPED, FAILED, project
+from conflank_cli.geometry.kernels.small_systems import factorise, least_eigenvector, substitute
 
 # Weight of samples whose foot is off the face: enough to keep the line steady there, too little to pull it.
 OFF_FACE_WEIGHT = 0.01
@@ -17,9 +18,12 @@ OFF_FACE_WEIGHT = 0.01
 SETTLED = 2e-4
 # Cost of turning while a line is followed: it decides where contact does not, and must not where contact does.
 STIFFNESS = 1e-3
+# Steps of refinement: of a seed, and of a line that has been moved on. As values of a type: numba compiles a function
+# anew for every literal number.
+SEED_STEPS, NEXT_STEPS = np.int64(10), np.int64(3)
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def raster_value(raster, breaks_u, breaks_v, u, v):
     """Nearest cell of a raster over the extended domain."""
     i = int((u - breaks_u[0]) / (breaks_u[-1] - breaks_u[0]) * raster.shape[0])
@@ -62,7 +66,7 @@ def axis_errors(
             j += step
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def sample_weight(error, on, scale):
     """Weight of a sample: overcut counts in full, stock left beyond `scale` fades (another sweep takes it).
 
@@ -79,13 +83,43 @@ def sample_weight(error, on, scale):
     return w
 
 
-@njit(inline="always")
-def across(d):
-    """Two unit vectors across the unit vector d (3,), and across each other."""
-    e1 = np.array([0.0, d[2], -d[1]]) if abs(d[0]) < 0.6 else np.array([-d[2], 0.0, d[0]])
-    e1 /= np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
-    e2 = np.array([d[1] * e1[2] - d[2] * e1[1], d[2] * e1[0] - d[0] * e1[2], d[0] * e1[1] - d[1] * e1[0]])
-    return e1, e2
+@njit(forceinline=True)
+def across(d, e1, e2):
+    """Two unit vectors across the unit vector d (3,), and across each other, into e1 and e2 (3,)."""
+    if abs(d[0]) < 0.6:
+        e1[0], e1[1], e1[2] = 0.0, d[2], -d[1]
+    else:
+        e1[0], e1[1], e1[2] = -d[2], 0.0, d[0]
+    normalise(e1)
+    e2[0] = d[1] * e1[2] - d[2] * e1[1]
+    e2[1] = d[2] * e1[0] - d[0] * e1[2]
+    e2[2] = d[0] * e1[1] - d[1] * e1[0]
+
+
+@njit(forceinline=True)
+def normalise(d):
+    """Make the vector d (3,) a unit vector, in place."""
+    length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for k in range(3):
+        d[k] /= length
+
+
+@njit(forceinline=True)
+def copy(values, into):
+    """Copy (N,) numbers: numba compiles a slice assignment to far more than this loop."""
+    for k in range(values.shape[0]):
+        into[k] = values[k]
+
+
+@njit(cache=True, nogil=True)
+def copy_line(p, d, u, v, error, on, into_p, into_d, into_u, into_v, into_error, into_on):
+    """Copy what belongs to a line: p, d (3,) and u, v, error, on (J,)."""
+    copy(p, into_p)
+    copy(d, into_d)
+    copy(u, into_u)
+    copy(v, into_v)
+    copy(error, into_error)
+    copy(on, into_on)
 
 
 @njit(cache=True)
@@ -122,6 +156,9 @@ def refine_line(
     matrix = np.empty((5, 5))
     right = np.empty(5)
     row = np.empty(5)
+    step = np.empty(5)
+    cx = np.empty(3)
+    e1, e2 = np.empty(3), np.empty(3)
     middle = 0.5 * (heights[0] + heights[count - 1])
     half = 0.5 * (heights[count - 1] - heights[0])
     for iteration in range(iterations):
@@ -129,12 +166,14 @@ def refine_line(
             breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
         )
         # Two unit vectors across the axis; rotations are measured as displacement at the ends of the flute.
-        e1, e2 = across(d)
+        across(d, e1, e2)
         fraction = iteration / max(iterations - 1, 1)
         scale = scale_last if fraction >= 1.0 else scale_first * (scale_last / scale_first) ** fraction
-        matrix[:] = 0.0
-        right[:] = 0.0
         total = 0.0
+        for a in range(5):
+            right[a] = 0.0
+            for b in range(5):
+                matrix[a, b] = 0.0
         for j in range(count):
             w = sample_weight(error[j], on[j], scale)
             if w == 0.0:
@@ -156,19 +195,24 @@ def refine_line(
             return False
         for a in range(5):
             matrix[a, a] += damping * total + 1e-9
-        step = np.linalg.solve(matrix, right)
-        if scale <= scale_last and np.dot(step, right) < SETTLED * SETTLED * total:
+        factorise(matrix)
+        substitute(matrix, right, step)
+        gain = 0.0
+        square = 0.0
+        for a in range(5):
+            gain += step[a] * right[a]
+            square += step[a] * step[a]
+        if scale <= scale_last and gain < SETTLED * SETTLED * total:
             return True
-        longest = np.sqrt(np.sum(step**2))
-        if longest > 1.0:
-            step *= 1.0 / longest
+        if square > 1.0:
+            for a in range(5):
+                step[a] /= np.sqrt(square)
         # Centre of the flute moves by step[0:3], the ends by +- step[3:5] across the axis.
-        cx = p + middle * d
         for k in range(3):
-            cx[k] += step[0] * e1[k] + step[1] * e2[k] + step[2] * d[k]
+            cx[k] = p[k] + middle * d[k] + step[0] * e1[k] + step[1] * e2[k] + step[2] * d[k]
         for k in range(3):
             d[k] += (step[3] * e1[k] + step[4] * e2[k]) / half
-        d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        normalise(d)
         for k in range(3):
             p[k] = cx[k] - middle * d[k]
     axis_errors(
@@ -246,9 +290,10 @@ def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
     Fills out (2, 3) with v0, v1, normalised to unit mean square speed; returns the eigenvalue.
     """
     count = heights.shape[0]
-    e1, e2 = across(d)
-    matrix = np.zeros((4, 4))
-    row = np.empty(4)
+    e1, e2 = np.empty(3), np.empty(3)
+    across(d, e1, e2)
+    matrix, reduced, room = np.zeros((4, 4)), np.zeros((4, 4)), np.empty((4, 4))
+    row, best = np.empty(4), np.empty(4)
     total = 0.0
     for j in range(count):
         w = sample_weight(error[j], on[j], scale)
@@ -263,7 +308,9 @@ def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
         for a in range(4):
             for b in range(4):
                 matrix[a, b] += w * row[a] * row[b]
-    matrix /= max(total, 1e-9)
+    for a in range(4):
+        for b in range(4):
+            matrix[a, b] /= max(total, 1e-9)
     for k in range(2):
         matrix[k, k] += stiffness
         matrix[k + 2, k + 2] += stiffness
@@ -273,18 +320,20 @@ def sweep_direction(p, d, heights, normal, error, on, scale, stiffness, out):
     l11 = np.sqrt(1.0 / 3.0)
     l21 = (1.0 / 6.0) / l11
     l22 = np.sqrt(1.0 / 3.0 - l21 * l21)
-    inverse = np.zeros((4, 4))
+    # Its inverse has the blocks i11, 0; i21, i22, each times the unit matrix.
+    i11, i21, i22 = 1.0 / l11, -l21 / (l11 * l22), 1.0 / l22
     for k in range(2):
-        inverse[k, k] = 1.0 / l11
-        inverse[k + 2, k] = -l21 / (l11 * l22)
-        inverse[k + 2, k + 2] = 1.0 / l22
-    reduced = inverse @ matrix @ inverse.T
-    values, vectors = np.linalg.eigh(reduced)
-    best = inverse.T @ np.ascontiguousarray(vectors[:, 0])
+        for m in range(2):
+            m00, m01, m10, m11 = matrix[k, m], matrix[k, m + 2], matrix[k + 2, m], matrix[k + 2, m + 2]
+            reduced[k, m] = i11 * i11 * m00
+            reduced[k, m + 2] = i11 * (i21 * m00 + i22 * m01)
+            reduced[k + 2, m] = i11 * (i21 * m00 + i22 * m10)
+            reduced[k + 2, m + 2] = i21 * (i21 * m00 + i22 * m01) + i22 * (i21 * m10 + i22 * m11)
+    least = least_eigenvector(reduced, room, best)
     for k in range(3):
-        out[0, k] = best[0] * e1[k] + best[1] * e2[k]
-        out[1, k] = best[2] * e1[k] + best[3] * e2[k]
-    return values[0]
+        out[0, k] = (i11 * best[0] + i21 * best[2]) * e1[k] + (i11 * best[1] + i21 * best[3]) * e2[k]
+        out[1, k] = i22 * best[2] * e1[k] + i22 * best[3] * e2[k]
+    return least
 
 
 @njit(cache=True)
@@ -302,17 +351,17 @@ def line_quality(error, on, tolerance_over, tolerance_under):
     return there, good, worst
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def refine_all(
     breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, over, under, faded, found
 ):
-    """`refine_line` for every seed on all cores, in place, from a coarse scale to that of tracing.
+    """`refine_line` for every seed, in place, from a coarse scale to that of tracing.
 
     p, d (N, 3), start (N,) the sphere that touches, u, v (N,) its foot; found (N,) says which lines fit well enough to
     be followed.
     """
     count = heights.shape[0]
-    for k in prange(p.shape[0]):
+    for k in range(p.shape[0]):
         feet_u = np.empty(count)
         feet_v = np.empty(count)
         error = np.empty(count)
@@ -323,7 +372,7 @@ def refine_all(
         found[k] = False
         if refine_line(
             breaks_u, breaks_v, coefficients, box, sense, raster, p[k], d[k], heights, radii, start[k],
-            feet_u, feet_v, error, normal, on, 20.0 * under, faded * under, 10, 1e-3,
+            feet_u, feet_v, error, normal, on, 20.0 * under, faded * under, SEED_STEPS, 1e-3,
         ):  # fmt: skip
             there, good, worst = line_quality(error, on, over, under)
             found[k] = there >= 4 and good >= 0.3 * there and good >= 4 and worst >= -1.5 * over
@@ -374,8 +423,10 @@ def trace_line(
     velocity = np.empty((2, 3))
     last = np.empty((2, 3))
     bend = np.empty((2, 3))
-    p = p0.copy()
-    d = d0.copy()
+    before_middle, start_low, start_high = np.empty(3), np.empty(3), np.empty(3)
+    p, d = np.empty(3), np.empty(3)
+    copy(p0, p)
+    copy(d0, d)
     start = start0
     u[start] = u0
     v[start] = v0
@@ -385,29 +436,22 @@ def trace_line(
         breaks_u, breaks_v, coefficients, box, sense, raster, p, d, heights, radii, start, u, v, error, normal, on
     )
     centre = room // 2
-    first_p = p.copy()
-    first_d = d.copy()
-    first_u = u.copy()
-    first_v = v.copy()
-    first_error = error.copy()
-    first_normal = normal.copy()
-    first_on = on.copy()
+    first_normal = np.empty((count, 3))
+    for j in range(count):
+        copy(normal[j], first_normal[j])
     low = centre
     high = centre + 1
-    sequence_p[centre] = p
-    sequence_d[centre] = d
-    sequence_error[centre] = error
-    sequence_u[centre] = u
-    sequence_v[centre] = v
-    sequence_on[centre] = on
+    copy_line(
+        p, d, u, v, error, on, sequence_p[centre], sequence_d[centre],
+        sequence_u[centre], sequence_v[centre], sequence_error[centre], sequence_on[centre],
+    )  # fmt: skip
     for side in range(2):
-        p[:] = first_p
-        d[:] = first_d
-        u[:] = first_u
-        v[:] = first_v
-        error[:] = first_error
-        normal[:] = first_normal
-        on[:] = first_on
+        copy_line(
+            sequence_p[centre], sequence_d[centre], sequence_u[centre], sequence_v[centre],
+            sequence_error[centre], sequence_on[centre], p, d, u, v, error, on,
+        )  # fmt: skip
+        for j in range(count):
+            copy(first_normal[j], normal[j])
         sign = 1.0 if side == 0 else -1.0
         off = 0
         for k in range(1, centre):
@@ -417,22 +461,24 @@ def trace_line(
                 for m in range(3):
                     turn += (velocity[0, m] + velocity[1, m]) * (last[0, m] + last[1, m])
                 sign = 1.0 if turn > 0.0 else -1.0
-            before_middle = p + 0.5 * length * d
-            start_low = p + heights[0] * d
-            start_high = p + heights[count - 1] * d
             for m in range(3):
+                before_middle[m] = p[m] + 0.5 * length * d[m]
+                start_low[m] = p[m] + heights[0] * d[m]
+                start_high[m] = p[m] + heights[count - 1] * d[m]
                 for end in range(2):
                     velocity[end, m] *= sign
                     # Half of how the velocity has changed since the last step: second order, as the path bends.
                     bend[end, m] = 0.5 * (velocity[end, m] - last[end, m]) if k > 1 else 0.0
                 start_low[m] += step * (velocity[0, m] + bend[0, m])
                 start_high[m] += step * (velocity[1, m] + bend[1, m])
-            last[:] = velocity
-            d[:] = start_high - start_low
-            d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
-            mid = 0.5 * (start_low + start_high)
             for m in range(3):
-                p[m] = mid[m] - 0.5 * (heights[0] + heights[count - 1]) * d[m]
+                last[0, m] = velocity[0, m]
+                last[1, m] = velocity[1, m]
+                d[m] = start_high[m] - start_low[m]
+            normalise(d)
+            for m in range(3):
+                middle = 0.5 * (start_low[m] + start_high[m])
+                p[m] = middle - 0.5 * (heights[0] + heights[count - 1]) * d[m]
             start = count // 2
             for j in range(count):
                 # Start where the face is.
@@ -457,7 +503,7 @@ def trace_line(
                 on,
                 2.0 * scale,
                 scale,
-                3,
+                NEXT_STEPS,
                 1e-3,
             )
             if not ok:
@@ -475,12 +521,10 @@ def trace_line(
             elif good < 0.25 * there or good < 2:
                 break
             row = centre + k if side == 0 else centre - k
-            sequence_p[row] = p
-            sequence_d[row] = d
-            sequence_error[row] = error
-            sequence_u[row] = u
-            sequence_v[row] = v
-            sequence_on[row] = on
+            copy_line(
+                p, d, u, v, error, on, sequence_p[row], sequence_d[row],
+                sequence_u[row], sequence_v[row], sequence_error[row], sequence_on[row],
+            )  # fmt: skip
             if side == 0:
                 high = row + 1
             else:
@@ -490,7 +534,7 @@ def trace_line(
     return low, high
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def trace_all(
     breaks_u,
     breaks_v,
@@ -517,8 +561,8 @@ def trace_all(
     sequence_on,
     spans,
 ):
-    """`trace_line` for every line on all cores; spans (N, 2) gets the rows used."""
-    for k in prange(p.shape[0]):
+    """`trace_line` for every line; spans (N, 2) gets the rows used."""
+    for k in range(p.shape[0]):
         low, high = trace_line(
             breaks_u,
             breaks_v,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from numba import njit, prange
+from numba import njit
 
 # Points put into every mesh of the (line, sphere) grid, along the sweep and along the axis: a mesh is 1.5 by 2 mm.
 ALONG, ACROSS = 4, 3
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def mark_cells(breaks_u, breaks_v, error, u, v, on, spans, over, under, marks):
     """Mark the cells of an R x R raster over the extended domain that sequences cover within tolerance.
 
@@ -20,7 +20,7 @@ def mark_cells(breaks_u, breaks_v, error, u, v, on, spans, over, under, marks):
     v0 = breaks_v[0]
     fu = size / (breaks_u[-1] - u0)
     fv = size / (breaks_v[-1] - v0)
-    for k in prange(error.shape[0]):
+    for k in range(error.shape[0]):
         for i in range(spans[k, 0], spans[k, 1] - 1):
             for j in range(error.shape[2] - 1):
                 if on[k, i, j] < 0.0 or on[k, i + 1, j] < 0.0 or on[k, i, j + 1] < 0.0 or on[k, i + 1, j + 1] < 0.0:

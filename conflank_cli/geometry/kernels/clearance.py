@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def section_distance(z, r, low, high, r_low, r_high):
     """Signed distance in the half plane (z along the axis, r across) to a solid truncated cone."""
     dz = high - low
@@ -29,7 +29,7 @@ def section_distance(z, r, low, high, r_low, r_high):
     return np.sqrt(above * above + (r - r_high) * (r - r_high))
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def assembly_distance(z, r, ball, ball_margin, sections, margins):
     """Least distance minus margin of a place in the half plane to ball and sections."""
     value = np.sqrt((z - ball[0]) * (z - ball[0]) + r * r) - ball[1] - ball_margin
@@ -40,7 +40,7 @@ def assembly_distance(z, r, ball, ball_margin, sections, margins):
     return value
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def pose_slack(
     px, py, pz, dx, dy, dz, points, starts, centres, radii, silhouette, lowest, ball, ball_margin, sections, margins,
     best, stop,
@@ -89,18 +89,6 @@ def assembly_slack(
     margins (S,). slack (M,) mm: cut off at the value in it on input; not searched further once below `stop`.
     """
     for k in range(p.shape[0]):
-        slack[k] = pose_slack(
-            p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2],
-            points, starts, centres, radii, silhouette, lowest, ball, ball_margin, sections, margins, slack[k], stop,
-        )  # fmt: skip
-
-
-@njit(cache=True, parallel=True)
-def assembly_slack_parallel(
-    p, d, points, starts, centres, radii, silhouette, lowest, ball, ball_margin, sections, margins, stop, slack
-):
-    """The same on all cores."""
-    for k in prange(p.shape[0]):
         slack[k] = pose_slack(
             p[k, 0], p[k, 1], p[k, 2], d[k, 0], d[k, 1], d[k, 2],
             points, starts, centres, radii, silhouette, lowest, ball, ball_margin, sections, margins, slack[k], stop,

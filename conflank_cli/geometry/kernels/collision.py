@@ -30,6 +30,33 @@ LEAF = 4
 DEPTH = 64
 
 
+@njit(forceinline=True)
+def _part(order, low, high, middle, middles, axis):
+    """Rearrange order[low:high] so that no triangle before `middle` lies further along an axis than one from there on.
+
+    Source: Hoare's selection.
+    """
+    first, last = low, high - 1
+    while first < last:
+        pivot = middles[order[(first + last) // 2], axis]
+        i, j = first, last
+        while i <= j:
+            while middles[order[i], axis] < pivot:
+                i += 1
+            while middles[order[j], axis] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            first = i
+        else:
+            return
+
+
 @njit(cache=True, nogil=True)
 def grow_tree(corners, middles, order, first, last, right, centre, radius):
     """Sort `order` (T,) of the triangles `corners` (T, 3, 3) with their `middles` (T, 3) into a tree; returns its size.
@@ -39,6 +66,8 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
     stack_low = np.empty(DEPTH, np.int64)
     stack_high = np.empty(DEPTH, np.int64)
     stack_parent = np.empty(DEPTH, np.int64)
+    least, most = np.empty(3), np.empty(3)
+    inner_least, inner_most = np.empty(3), np.empty(3)
     stack_low[0] = 0
     stack_high[0] = order.shape[0]
     stack_parent[0] = -1
@@ -50,10 +79,9 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
         high = stack_high[waiting]
         if stack_parent[waiting] >= 0:
             right[stack_parent[waiting]] = count
-        least = np.full(3, np.inf)
-        most = np.full(3, -np.inf)
-        inner_least = np.full(3, np.inf)
-        inner_most = np.full(3, -np.inf)
+        for x in range(3):
+            least[x], most[x] = np.inf, -np.inf
+            inner_least[x], inner_most[x] = np.inf, -np.inf
         for i in range(low, high):
             n = order[i]
             for x in range(3):
@@ -76,10 +104,12 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
         last[count] = high
         right[count] = -1
         if high - low > LEAF:
-            axis = np.argmax(inner_most - inner_least)
-            own = order[low:high].copy()
-            order[low:high] = own[np.argsort(middles[own, axis])]
+            axis = 0
+            for x in range(1, 3):
+                if inner_most[x] - inner_least[x] > inner_most[axis] - inner_least[axis]:
+                    axis = x
             middle = (low + high) // 2
+            _part(order, low, high, middle, middles, axis)
             stack_low[waiting] = middle
             stack_high[waiting] = high
             stack_parent[waiting] = count
@@ -92,7 +122,7 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
     return count
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def section_slope(z, r, section):
     """Signed distance in the half plane (z along the axis, r across), and its derivatives by z and r."""
     low = section[0]
@@ -130,7 +160,7 @@ def section_slope(z, r, section):
     return distance, above / distance, (r - r_high) / distance
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def line_slope(z, ez, square, b, c, t, section):
     """Signed distance at t of a line and its slope; it is z + ez t along the axis and square + 2 b t + c t² across."""
     r = np.sqrt(max(square + t * (2.0 * b + c * t), 0.0))
@@ -170,7 +200,7 @@ def line_least(z, ez, square, b, c, length, section, cutoff):
     return high_value, high
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def edge_least(ax, ay, az, bx, by, bz, dx, dy, dz, section, cutoff):
     """Least signed distance on an edge from a to b, relative to the pose's point, and the share of it."""
     ex = bx - ax
@@ -298,7 +328,7 @@ def triangle_least(corners, px, py, pz, dx, dy, dz, section, cutoff):
     return best, px + x, py + y, pz + w
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def node_bound(tree, node, px, py, pz, dx, dy, dz, section):
     """What no triangle of a node is nearer than."""
     x = tree.centre[node, 0] - px
@@ -396,7 +426,7 @@ def poses_free(tree, p, d, sections, limits, free):
             free[k] = found < 0
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def shifted(polynomial, middle, half, out):
     """The cubic of a span about `middle`, in units of `half`: out (4, 6)."""
     for x in range(6):
@@ -409,7 +439,7 @@ def shifted(polynomial, middle, half, out):
         out[3, x] = half * half * half * c3
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def axis_of(local):
     """Length of q - p at the middle of a stretch, and its direction."""
     x = local[0, 3] - local[0, 0]
@@ -419,7 +449,7 @@ def axis_of(local):
     return length, x / length, y / length, z / length
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def section_travel(local, section):
     """How far any point of a section gets from where it is at the middle of a stretch, at most, mm.
 

@@ -6,7 +6,7 @@ Spans come as in `conflank_cli.geometry.surface.Spans`: coefficients (ku, kv, D,
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 # Fused multiply-add is worth a quarter of the time and only drops roundings.
 FAST = {"contract"}
@@ -32,7 +32,7 @@ OUTSIDE = 4  # the foot lies on the smooth extension, past the boundary of the s
 FAILED = 8  # no convergence within MAX_ITERATIONS
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def find_span(breaks, x):
     """Index of the span that holds x, clamped to the first and last."""
     low = 0
@@ -46,7 +46,7 @@ def find_span(breaks, x):
     return low
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _component(c, a, b):
     """Value and derivatives f, fa, fb, faa, fab, fbb of one coordinate by Horner's rule."""
     f = 0.0
@@ -72,7 +72,7 @@ def _component(c, a, b):
     return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _bicubic(c, a, b):
     """The same for a bicubic block, written out: half as long again in points a second as the loops."""
     t = 3.0 * b
@@ -98,7 +98,7 @@ def _bicubic(c, a, b):
     return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _rational(f, w):
     """Quotient rule: derivatives of f / w from those of the homogeneous coordinates."""
     r = 1.0 / w[0]
@@ -111,7 +111,7 @@ def _rational(f, w):
     return s, sa, sb, saa, sab, sbb
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def local_frame(block, a, b):
     """S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
     if block.shape[0] == 3 and block.shape[1] == 4 and block.shape[2] == 4:
@@ -143,7 +143,7 @@ def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
             out[k, m, 2] = z[m] * scale[m]
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _line_step(gradient, second, metric):
     """Step along one parameter alone, and the size below which it is the last one."""
     if second > SAFELY_POSITIVE * metric:
@@ -328,27 +328,10 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     return u, v, fx, fy, fz, nx, ny, nz, distance, flag
 
 
-@njit(error_model="numpy", fastmath=FAST, cache=True)
+@njit(error_model="numpy", fastmath=FAST, cache=True, nogil=True)
 def footpoints(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
     """Project points (N, 3), warm started from u, v (N,), which are overwritten; fills foot, normal, distance, flag."""
     for k in range(points.shape[0]):
-        r = project(breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k])
-        u[k] = r[0]
-        v[k] = r[1]
-        foot[k, 0] = r[2]
-        foot[k, 1] = r[3]
-        foot[k, 2] = r[4]
-        normal[k, 0] = r[5]
-        normal[k, 1] = r[6]
-        normal[k, 2] = r[7]
-        distance[k] = r[8]
-        flag[k] = r[9]
-
-
-@njit(error_model="numpy", fastmath=FAST, cache=True, parallel=True)
-def footpoints_parallel(breaks_u, breaks_v, coefficients, box, points, u, v, foot, normal, distance, flag):
-    """The same on all cores."""
-    for k in prange(points.shape[0]):
         r = project(breaks_u, breaks_v, coefficients, box, points[k, 0], points[k, 1], points[k, 2], u[k], v[k])
         u[k] = r[0]
         v[k] = r[1]

@@ -48,7 +48,7 @@ STACK = 160
 SPARE = 1.02
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _moving_pose(polynomials, breaks, t, out):
     """p, unit axis d and their derivatives at t into out (12,); the motion as in `swept_gap.pose`."""
     k = find_span(breaks, t)
@@ -83,7 +83,7 @@ def moving_poses(polynomials, breaks, samples, out):
         _moving_pose(polynomials, breaks, k / samples, out[k])
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _topless(x, y, z, a, cutter):
     """Signed distance to ball and cone without a top, its derivative by t, height and distance from the axis."""
     r_min, sine, cosine, ball_height, ball_radius = cutter[0], cutter[1], cutter[2], cutter[4], cutter[5]
@@ -105,7 +105,7 @@ def _topless(x, y, z, a, cutter):
     )
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _contact(x, y, z, a, along, across, cutter):
     """Unit normal from the axis to a point, and the distance from the axis along it."""
     r_min, sine, cosine, ball_height = cutter[0], cutter[1], cutter[2], cutter[4]
@@ -122,7 +122,7 @@ def _contact(x, y, z, a, along, across, cutter):
     return out * (x - a[0]) + up * a[3], out * (y - a[1]) + up * a[4], out * (z - a[2]) + up * a[5], radius
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _least_between(d0, s0, d1, s1, step, bend):
     """Lower bound of a function between values d0, d1 with slopes s0, s1, whose second derivative is at least -bend.
 
@@ -284,14 +284,14 @@ def _fill_node(block, a, b, start, step, poses, polynomials, breaks, bend, cutte
     node[QVV] = x[2] * x[2] + y[2] * y[2] + z[2] * z[2] - vd * vd - vf * vf
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _inner(node, m, x, y, z):
     """<S_m, (x, y, z)> with S_m the m-th of S, Su, Sv, Suu, Suv, Svv at a node."""
     k = PLACE + 3 * m
     return node[k] * x + node[k + 1] * y + node[k + 2] * z
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _size(node, m):
     k = PLACE + 3 * m
     return np.sqrt(node[k] * node[k] + node[k + 1] * node[k + 1] + node[k + 2] * node[k + 2])
@@ -348,7 +348,7 @@ def _upper(nodes, ha, hb, du, dv, bend_uu, bend_uv, bend_vv, cutter):
     return worst
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def _crossed(u0, u1, v0, v1, vertices, starts):
     """Whether an edge of the loops passes through the inside of a box, a millionth of its size within."""
     eps = 1e-6 * (u1 - u0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from conflank_cli.geometry.kernels.small_systems import factorise, substitute
+
 # What takes part in the maximum: nothing of an error, only its negative part, or its modulus.
 IGNORED, LOWER, BOTH = 0, 1, 2
 # Steps at most; eight are usual. Stopped where the maximum is known to this share of what it is at first.
@@ -12,21 +14,6 @@ ITERATIONS = 20
 RELATIVE_GAP = 1e-2
 # The share of the way to the nearest constraint that a step may go.
 SHORT_OF_BORDER = 0.98
-
-
-@njit(inline="always")
-def _solve(matrix, right, out):
-    """Solve for a symmetric positive (4, 4) matrix, which its Cholesky factor has already replaced from below."""
-    for a in range(4):
-        total = right[a]
-        for b in range(a):
-            total -= matrix[a, b] * out[b]
-        out[a] = total / matrix[a, a]
-    for a in range(3, -1, -1):
-        total = out[a]
-        for b in range(a + 1, 4):
-            total -= matrix[b, a] * out[b]
-        out[a] = total / matrix[a, a]
 
 
 @njit(cache=True)
@@ -38,7 +25,8 @@ def least_maximum(rows, error, kind, limit, change):
 
     Source: Mehrotra, On the implementation of a primal-dual interior point method, SIAM J. Optimization 2 (1992).
     """
-    change[:] = 0.0
+    for k in range(3):
+        change[k] = 0.0
     scale = 0.0
     for j in range(error.shape[0]):
         if kind[j] != IGNORED:
@@ -63,7 +51,8 @@ def least_maximum(rows, error, kind, limit, change):
             a[count, k] = sign
             b[count] = limit / scale
             count += 1
-    y = np.array([0.0, 0.0, 0.0, 1.5])
+    y, residual = np.zeros(4), np.empty(4)
+    y[3] = 1.5
     slack = np.empty(count)
     force = np.empty(count)
     slack_step = np.empty(count)
@@ -78,22 +67,22 @@ def least_maximum(rows, error, kind, limit, change):
         gap = 0.0
         for i in range(count):
             gap += slack[i] * force[i]
-        residual = np.array([0.0, 0.0, 0.0, 1.0])
-        matrix[:] = 0.0
+        for k in range(4):
+            residual[k] = 1.0 if k == 3 else 0.0
+            for m in range(4):
+                matrix[k, m] = 0.0
         for i in range(count):
             weight = force[i] / slack[i]
             for k in range(4):
                 residual[k] += a[i, k] * force[i]
                 for m in range(k + 1):
                     matrix[k, m] += weight * a[i, k] * a[i, m]
-        if gap < RELATIVE_GAP and np.abs(residual).max() < RELATIVE_GAP:
-            break
+        worst = 0.0
         for k in range(4):
-            for m in range(k + 1):
-                total = matrix[k, m]
-                for n in range(m):
-                    total -= matrix[k, n] * matrix[m, n]
-                matrix[k, m] = np.sqrt(max(total, 1e-30)) if k == m else total / matrix[m, m]
+            worst = max(worst, abs(residual[k]))
+        if gap < RELATIVE_GAP and worst < RELATIVE_GAP:
+            break
+        factorise(matrix)
         target = 0.0
         for attempt in range(2):
             # First straight to the optimum; from how far that gets, the second chooses what products to aim at.
@@ -103,7 +92,7 @@ def least_maximum(rows, error, kind, limit, change):
                 product = target - (slack_step[i] * force_step[i] if attempt == 1 else 0.0)
                 for k in range(4):
                     right[k] += a[i, k] * (force[i] - product / slack[i])
-            _solve(matrix, right, step)
+            substitute(matrix, right, step)
             longest = 1.0 / SHORT_OF_BORDER
             longest_force = longest
             for i in range(count):
@@ -129,5 +118,6 @@ def least_maximum(rows, error, kind, limit, change):
         for i in range(count):
             slack[i] += longest * slack_step[i]
             force[i] += longest_force * force_step[i]
-    change[:] = scale * y[:3]
+    for k in range(3):
+        change[k] = scale * y[k]
     return scale * y[3]

@@ -70,8 +70,10 @@ def add_rows(band, right, first, basis, rows, residuals, weights):
     block = np.empty((6, 6))
     vector = np.empty(6)
     for i in range(rows.shape[0]):
-        block[:] = 0.0
-        vector[:] = 0.0
+        for a in range(6):
+            vector[a] = 0.0
+            for b in range(6):
+                block[a, b] = 0.0
         for k in range(rows.shape[1]):
             w = weights[i, k]
             if w == 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def is_inside(x, y, vertices, starts):
     """Even-odd test of one point against closed loops: vertices (M, 2) one loop after the other, starts (K + 1,)."""
     odd = False

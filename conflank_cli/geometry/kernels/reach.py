@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from conflank_cli.geometry.kernels.axis import across, axis_errors
+from conflank_cli.geometry.kernels.axis import across, axis_errors, copy, normalise
 from conflank_cli.geometry.kernels.minimax import BOTH, IGNORED, LOWER, least_maximum
 from conflank_cli.geometry.kernels.polygon import is_inside
+from conflank_cli.geometry.kernels.small_systems import factorise, substitute
 
 # `on` is above the one where a foot is on the face, above the other on the surface or its continuation.
 ON_FACE, ON_SURFACE = 0.5, -0.5
@@ -32,7 +33,7 @@ INNER = 0.9
 SAME = 0.99985
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def best_window(error, on, contact, least, border):
     """(first sphere, largest |error|) of the best run of `least` spheres that holds `contact`, `on` above `border`."""
     first = -1
@@ -50,7 +51,7 @@ def best_window(error, on, contact, least, border):
     return first, best
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def line_error(error, on, contact, least):
     """(first sphere of the best window, axis error): overcut counts anywhere on the face, stock in the window."""
     first, worst = best_window(error, on, contact, least, ON_FACE)
@@ -60,7 +61,7 @@ def line_error(error, on, contact, least):
     return first, worst
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def move(x, n, radius, height, e1, e2, change, span, shift, d, p):
     """Apply a change (3,) of the shift and of the end's motion along e1 and e2, mm; fills p (3,), returns the shift.
 
@@ -69,7 +70,7 @@ def move(x, n, radius, height, e1, e2, change, span, shift, d, p):
     shift += change[0]
     for k in range(3):
         d[k] += (change[1] * e1[k] + change[2] * e2[k]) / span
-    d /= np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+    normalise(d)
     for k in range(3):
         p[k] = x[k] + (radius + shift) * n[k] - height * d[k]
     return shift
@@ -89,10 +90,17 @@ def plain_step(rows, error, on, first, least, change):
                     matrix[a, b] += rows[j, a] * rows[j, b]
     for a in range(3):
         matrix[a, a] += DAMPING * count
-    change[:] = np.linalg.solve(matrix, right)
+    factorise(matrix)
+    substitute(matrix, right, change)
 
 
-@njit(inline="always")
+@njit(forceinline=True)
+def largest(change):
+    """The largest modulus of three numbers."""
+    return max(abs(change[0]), max(abs(change[1]), abs(change[2])))
+
+
+@njit(forceinline=True)
 def promise(rows, error, on, border, first, least, trust, kind, change):
     """Fill change (3,) with what makes the error of the window from `first` on least, to first order; that error.
 
@@ -146,9 +154,11 @@ def refine_through(
     kind = np.empty(count, dtype=np.int64)
     change, other_change = np.zeros(3), np.empty(3)
     p = np.empty(3)
-    d_now = d.copy()
+    d_now = np.empty(3)
+    copy(d, d_now)
     span = heights[count - 1] - heights[0]
-    e1, e2 = across(d)
+    e1, e2 = np.empty(3), np.empty(3)
+    across(d, e1, e2)
     shift = shift_now = found_shift = 0.0
     found = worst_now = promised = np.inf
     first_now = -1
@@ -172,8 +182,8 @@ def refine_through(
             if worst < found:
                 found = worst
                 found_shift = shift
-                line[:3] = p
-                line[3:] = d
+                copy(p, line[:3])
+                copy(d, line[3:])
         else:
             first, worst = best_window(error, on, contact, least, ON_SURFACE)
             if first < 0:
@@ -184,40 +194,43 @@ def refine_through(
             if step > PLAIN_STEPS and worst_now - worst > 0.5 * (worst_now - promised):
                 trust = min(2.0 * trust, TRUST)
             shift_now, worst_now, first_now, strict_now = shift, worst, first, strict
-            d_now[:] = d
-            error_now[:] = error
-            on_now[:] = on
-            e1, e2 = across(d)
+            copy(d, d_now)
+            copy(error, error_now)
+            copy(on, on_now)
+            across(d, e1, e2)
             for j in range(count):
                 arm = (heights[j] - heights[contact]) / span
-                rows[j] = 0.0
+                for k in range(3):
+                    rows[j, k] = 0.0
                 for k in range(3):
                     rows[j, 0] += normal[j, k] * n[k]
                     rows[j, 1] += arm * normal[j, k] * e1[k]
                     rows[j, 2] += arm * normal[j, k] * e2[k]
         else:
-            trust = 0.25 * np.abs(change).max()
+            trust = 0.25 * largest(change)
         if step < PLAIN_STEPS:
             plain_step(rows, error_now, on_now, first_now, least, change)
             longest = max(abs(change[1]), abs(change[2])) / span
             if longest > LARGEST_TURN:
-                change *= LARGEST_TURN / longest
+                for k in range(3):
+                    change[k] *= LARGEST_TURN / longest
         else:
             if step == PLAIN_STEPS:
                 if worst_now > HOPELESS * best:
                     break
                 same = False
                 for k in range(known.shape[0]):
-                    same = same or d @ known[k] > SAME
+                    same = same or d[0] * known[k, 0] + d[1] * known[k, 1] + d[2] * known[k, 2] > SAME
                 if same:
                     break
                 if not strict_now and found < np.inf:
                     # The plain steps have left the face: back to the best line on it. A fine step from there that
                     # leaves it again is refused, and the radius of trust shrinks.
                     shift_now = found_shift
-                    d_now[:] = line[3:]
-                    d[:] = d_now
-                    change[:] = 0.0
+                    copy(line[3:], d_now)
+                    copy(d_now, d)
+                    for k in range(3):
+                        change[k] = 0.0
                     continue
             if worst_now < EXACT:
                 break
@@ -230,16 +243,16 @@ def refine_through(
                         other = promise(rows, error_now, on_now, border, a, least, trust, kind, other_change)
                         if other < promised:
                             promised = other
-                            change[:] = other_change
+                            copy(other_change, change)
             if promised > GAIN * worst_now:
                 break
-            if promised > GAIN * best and np.abs(change).max() < INNER * trust:
+            if promised > GAIN * best and largest(change) < INNER * trust:
                 break
-        d[:] = d_now
+        copy(d_now, d)
     return found, used
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def reach_errors(
     breaks_u,
     breaks_v,
@@ -268,8 +281,8 @@ def reach_errors(
     points, normals (N, 3), uv (N, 2). Starts of point i: directions (M, 3) and contacts (M,) from starts[i] to starts[i
     + 1]. Improves error (N,), lines (N, 6), height (N,), and adds to footpoints (N,).
     """
-    for i in prange(points.shape[0]):
-        line = np.empty(6)
+    for i in range(points.shape[0]):
+        line, d = np.empty(6), np.empty(3)
         known = np.empty((starts[i + 1] - starts[i], 3))
         count = 0
         for k in range(starts[i], starts[i + 1]):
@@ -277,16 +290,16 @@ def reach_errors(
                 count = 0
             if error[i] < ENOUGH:
                 break
-            d = directions[k].copy()
+            copy(directions[k], d)
             found, used = refine_through(
                 breaks_u, breaks_v, coefficients, box, sense, raster, vertices, loops, points[i], normals[i], uv[i], d,
                 heights, radii, contacts[k], least, error[i], known[:count], line,
             )  # fmt: skip
             footpoints[i] += used
             if found < np.inf:
-                known[count] = line[3:]
+                copy(line[3:], known[count])
                 count += 1
             if found < error[i]:
                 error[i] = found
-                lines[i] = line
+                copy(line, lines[i])
                 height[i] = heights[contacts[k]]

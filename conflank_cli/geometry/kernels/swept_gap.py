@@ -13,7 +13,7 @@ KNOWN, MOST_STEPS = 3e-7, 60
 GOLDEN = 0.3819660112501051
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def cutter_distance(x, y, z, px, py, pz, qx, qy, qz, r_min, slope_sin, slope_cos, length, ball_height, ball_radius):
     """Signed distance from a point to the cutting body (ball and cone) whose axis runs from p towards q."""
     dx = qx - px
@@ -45,7 +45,7 @@ def cutter_distance(x, y, z, px, py, pz, qx, qy, qz, r_min, slope_sin, slope_cos
     return np.sqrt(above * above + rim * rim)
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def pose(polynomials, breaks, t, out):
     """Axis ends at t: polynomials (spans, 4, 6) in the span's local parameter, breaks (spans + 1,); fills out (6,)."""
     k = find_span(breaks, t)
@@ -56,7 +56,7 @@ def pose(polynomials, breaks, t, out):
         ]
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def distance_at(polynomials, breaks, t, x, y, z, cutter, axis):
     """Signed distance from a point to the cutter at time t; axis (6,) is overwritten."""
     pose(polynomials, breaks, t, axis)

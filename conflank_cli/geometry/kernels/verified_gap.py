@@ -14,11 +14,13 @@ and the axis is axis + tau turn + 4 tau (1 - tau) bow, the parabola through its 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 # The refinement stops when the least distance is known this closely, mm (0.0001 um, a hundredth of what is promised).
 _CERTAIN = 1e-7
 _MOST_STEPS = 60
+# No cell. As a value of a type: numba compiles a function anew for every literal number.
+NONE = np.int64(-1)
 
 
 @njit(cache=True)
@@ -212,8 +214,10 @@ def _search_groups(body, x, y, z, cells, poses, reaches, size, low, high, best, 
     return best, index, tau
 
 
-@njit(cache=True, parallel=True)
-def least_distance(points, start, cells, poses, reaches, size, wide_poses, wide_reaches, wide_size, body):
+@njit(cache=True, nogil=True)
+def least_distance(
+    points, start, cells, poses, reaches, size, wide_poses, wide_reaches, wide_size, body, distance, where, tau
+):
     """Least signed distance from each point to the body over all cells, where it is below `start`.
 
     Parameters
@@ -225,19 +229,12 @@ def least_distance(points, start, cells, poses, reaches, size, wide_poses, wide_
         is away from where that pose puts it, anywhere in the group, mm.
     wide_poses, wide_reaches: the same for groups of `wide_size` successive groups.
     body: (9,), see the module.
-
-    Returns
-    -------
-    distance (N,), cell (N,) (-1 where `start` was not beaten), tau (N,).
+    distance, where, tau: (N,), filled with the least distance, its cell (-1 where `start` was not beaten), and tau.
     """
-    count = points.shape[0]
-    distance = np.empty(count)
-    where = np.empty(count, np.int64)
-    moment = np.empty(count)
     groups = poses.shape[0]
-    for n in prange(count):
+    for n in range(points.shape[0]):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        best, index, tau = start[n], -1, 0.0
+        best, index, at = start[n], NONE, 0.0
         first, nearest = -1, np.inf
         for w in range(wide_poses.shape[0]):
             bound = _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w]
@@ -245,12 +242,11 @@ def least_distance(points, start, cells, poses, reaches, size, wide_poses, wide_
                 first, nearest = w, bound
         if first >= 0 and nearest < best:
             low, high = first * wide_size, min((first + 1) * wide_size, groups)
-            best, index, tau = _search_groups(body, x, y, z, cells, poses, reaches, size, low, high, best, index, tau)
+            best, index, at = _search_groups(body, x, y, z, cells, poses, reaches, size, low, high, best, index, at)
             for w in range(wide_poses.shape[0]):
                 if w != first and _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w] < best:
                     low, high = w * wide_size, min((w + 1) * wide_size, groups)
-                    best, index, tau = _search_groups(
-                        body, x, y, z, cells, poses, reaches, size, low, high, best, index, tau
+                    best, index, at = _search_groups(
+                        body, x, y, z, cells, poses, reaches, size, low, high, best, index, at
                     )
-        distance[n], where[n], moment[n] = best, index, tau
-    return distance, where, moment
+        distance[n], where[n], tau[n] = best, index, at
