@@ -36,8 +36,8 @@ OBSTACLE_SPACING = 1.0
 LARGEST = 20.0
 # Shank and holder keep this much more than their margins, mm, for what lies between the poses and points looked at.
 RESERVE = 0.02
-# Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, a few hundred points in each.
-CELL = 5.0
+# Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, some twenty points in each.
+CELL = 2.0
 # Shorter stretches than this are not worth a cut, mm of travel.
 SHORTEST = 3.0
 # Fewer poses than this are not worth a thread.

@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -199,6 +200,7 @@ def _unknown(value: object, place: str) -> Iterator[str]:
                 yield from _unknown(item, f"{place}[{number}]")
 
 
+@lru_cache(maxsize=8)
 def parse_machine(content: str, where: str) -> Machine:
     """Read a machine from the text of its file; `where` names it in messages.
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.geometry.kernels.clearance import assembly_slack, assembly_slack_parallel, section_distance
+from conflank_cli.geometry.kernels.clearance import section_distance
 from conflank_cli.geometry.screening import (
     CELL,
     ENOUGH,
@@ -25,8 +25,7 @@ from conflank_cli.geometry.screening import (
     Margins,
     PointCells,
     Screen,
-    _silhouette,
-    assembly,
+    _slack,
     longest_run,
     mesh_points,
 )
@@ -107,22 +106,13 @@ def test_pruning_misses_no_violation(seed: int, tool: Tool, margins: Margins) ->
     d /= np.linalg.norm(d, axis=1)[:, None]
     p -= d * rng.uniform(0.0, 100.0, (60, 1))
     cells = PointCells.of(points)
-    sections, component = assembly(tool)
-    ball = np.array([tool.ball_centre_height, tool.ball_radius])
-    limits = np.array([getattr(margins, name) for name in component])
-    silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)
     expected = by_brute_force(tool, margins, p, d, points)
-    for run in (assembly_slack, assembly_slack_parallel):
-        for stop in (-np.inf, 0.0, -0.03):
-            slack = np.full(len(p), ENOUGH)
-            run(
-                p, d, cells.points, cells.starts, cells.centres, cells.radii, silhouette, lowest,
-                ball, margins.cutter, sections, limits, stop, slack,
-            )  # fmt: skip
-            np.testing.assert_array_equal(slack < stop, expected < stop)
-            exact = expected >= stop  # below it the search may have ended early
-            np.testing.assert_allclose(slack[exact], np.minimum(expected, ENOUGH)[exact], atol=1e-9)
-            assert np.all(slack >= np.minimum(expected, ENOUGH) - 1e-9)
+    for stop in (-np.inf, 0.0, -0.03):
+        slack = _slack(cells, margins, tool, p, d, stop)
+        np.testing.assert_array_equal(slack < stop, expected < stop)
+        exact = expected >= stop  # below it the search may have ended early
+        np.testing.assert_allclose(slack[exact], np.minimum(expected, ENOUGH)[exact], atol=1e-9)
+        assert np.all(slack >= np.minimum(expected, ENOUGH) - 1e-9)
 
 
 def test_point_cells_hold_every_point_once() -> None:

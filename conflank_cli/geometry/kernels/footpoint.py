@@ -10,11 +10,18 @@ from numba import njit
 
 # Fused multiply-add is worth a quarter of the time and only drops roundings.
 FAST = {"contract"}
-# Newton's last step is quadratic: once a step is this small (in units of the span), the second-order Taylor expansion
-# about the point where it was computed is exact to rounding, and no further evaluation is needed.
-LAST_STEP = 3.0e-6
+# A step of Newton's method is followed by one on the second-order expansion of the surface. What both leave is of second
+# order too, in the distance times the third derivatives, but far less; how much shows in the step before: e' / e² stays.
+# They are the last ones where that says they leave less than LAST_ERROR (in units of the span), and the expansion gives
+# the foot to rounding, as it does up to LAST_STEP.
+LAST_ERROR = 1.0e-11
+LAST_STEP = 1.0e-4
+# A step of Newton alone leaves one of second order.
+LAST_PLAIN_STEP = 3.0e-6
 # Without quadratic convergence a small step says little about the distance left, so it has to be tiny.
 LAST_LINEAR_STEP = 1.0e-12
+# The expansion is of no use further away than this, in spans.
+EXPANDED = 0.5
 MAX_ITERATIONS = 40
 # The Hessian of the half squared distance over the metric has the determinant Π(1 - ρ κ): above this it is taken for
 # positive, and Newton's method converges quadratically even close to a centre of curvature.
@@ -44,6 +51,22 @@ def find_span(breaks, x):
         else:
             high = middle
     return low
+
+
+@njit(forceinline=True)
+def same_span(breaks, x, k):
+    """`find_span`, looked for at span k first."""
+    if (x >= breaks[k] or k == 0) and (x < breaks[k + 1] or k == breaks.shape[0] - 2):
+        return k
+    return find_span(breaks, x)
+
+
+@njit(forceinline=True)
+def guess_span(breaks, x):
+    """`find_span`, looked for first where equal spans would have it."""
+    last = breaks.shape[0] - 1
+    k = int((x - breaks[0]) / (breaks[last] - breaks[0]) * last)
+    return same_span(breaks, x, min(max(k, 0), last - 1))
 
 
 @njit(forceinline=True)
@@ -147,7 +170,7 @@ def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
 def _line_step(gradient, second, metric):
     """Step along one parameter alone, and the size below which it is the last one."""
     if second > SAFELY_POSITIVE * metric:
-        return -gradient / second, LAST_STEP * min(1.0, second / metric)
+        return -gradient / second, LAST_PLAIN_STEP * min(1.0, second / metric)
     return -gradient / max(abs(second), LEAST_MODULUS * metric), LAST_LINEAR_STEP
 
 
@@ -198,23 +221,30 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     v_high = breaks_v[nv]
     u = min(max(u, u_low), u_high)
     v = min(max(v, v_low), v_high)
+    i = guess_span(breaks_u, u)
+    j = guess_span(breaks_v, v)
     flag = FAILED
     previous = np.inf
+    before = 1e-30  # nothing is known from a step before the first
     du = 0.0
     dv = 0.0
     held = 0
     fx = fy = fz = nx = ny = nz = 0.0
     for _ in range(MAX_ITERATIONS):
-        i = find_span(breaks_u, u)
-        j = find_span(breaks_v, v)
+        i = same_span(breaks_u, u, i)
+        j = same_span(breaks_v, v, j)
         wu = breaks_u[i + 1] - breaks_u[i]
         wv = breaks_v[j + 1] - breaks_v[j]
-        x, y, z = local_frame(coefficients[i, j], (u - breaks_u[i]) / wu, (v - breaks_v[j]) / wv)
+        per_u = 1.0 / wu
+        per_v = 1.0 / wv
+        a = (u - breaks_u[i]) * per_u
+        b = (v - breaks_v[j]) * per_v
+        x, y, z = local_frame(coefficients[i, j], a, b)
         rx = x[0] - px
         ry = y[0] - py
         rz = z[0] - pz
         value = rx * rx + ry * ry + rz * rz
-        if value > previous * (1.0 + 1e-12) + 1e-24 and abs(du) / wu + abs(dv) / wv > 1e-7:
+        if value > previous * (1.0 + 1e-12) + 1e-24 and abs(du) * per_u + abs(dv) * per_v > 1e-7:
             # The step overshot: halve it.
             du *= 0.5
             dv *= 0.5
@@ -235,7 +265,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0) or g <= VANISHED * e
         da = 0.0
         db = 0.0
-        last = LAST_STEP
+        last = LAST_PLAIN_STEP
         held = 1 if hold_u or hold_v else 0
         if hold_u and not hold_v:
             db, last = _line_step(gb, hbb, g)
@@ -245,11 +275,38 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
             determinant = haa * hbb - hab * hab
             metric = e * g - f * f
             if determinant > SAFELY_POSITIVE * metric and haa > 0.0:
+                inverse = 1.0 / determinant
+                da = (gb * hab - ga * hbb) * inverse
+                db = (ga * hab - gb * haa) * inverse
+                if abs(da) < EXPANDED and abs(db) < EXPANDED:
+                    # Once more, with the gradient there of the second-order expansion of the surface: the error left
+                    # is of third order, for a fourth of an evaluation.
+                    ax = x[1] + x[3] * da + x[4] * db
+                    ay = y[1] + y[3] * da + y[4] * db
+                    az = z[1] + z[3] * da + z[4] * db
+                    bx = x[2] + x[4] * da + x[5] * db
+                    by = y[2] + y[4] * da + y[5] * db
+                    bz = z[2] + z[4] * da + z[5] * db
+                    rx += 0.5 * (da * (x[1] + ax) + db * (x[2] + bx))
+                    ry += 0.5 * (da * (y[1] + ay) + db * (y[2] + by))
+                    rz += 0.5 * (da * (z[1] + az) + db * (z[2] + bz))
+                    ga = rx * ax + ry * ay + rz * az
+                    gb = rx * bx + ry * by + rz * bz
+                    more_a = (gb * hab - ga * hbb) * inverse
+                    more_b = (ga * hab - gb * haa) * inverse
+                    step = abs(da) + abs(db)
+                    more = abs(more_a) + abs(more_b)
+                    if more < 0.5 * step:
+                        da += more_a
+                        db += more_b
+                        # The expansion ends with its span.
+                        inside = 0.0 <= a + da <= 1.0 and 0.0 <= b + db <= 1.0
+                        left = max(more * more / step, step * step * step / (before * before))
+                        if inside and left < LAST_ERROR:
+                            last = LAST_STEP
                 if determinant < metric:
-                    # The error left is about the square of the step over 1 - ρ κ.
-                    last = LAST_STEP * determinant / metric
-                da = (-ga * hbb + gb * hab) / determinant
-                db = (-gb * haa + ga * hab) / determinant
+                    # The error left grows with 1 / (1 - ρ κ).
+                    last *= determinant / metric
             else:
                 last = LAST_LINEAR_STEP
                 da, db = _descent_step(ga, gb, haa, hab, hbb, e, f, g)
@@ -274,8 +331,9 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         dv = vn - v
         u = un
         v = vn
-        da = du / wu
-        db = dv / wv
+        da = du * per_u
+        db = dv * per_v
+        before = abs(da) + abs(db)
         if abs(da) < last and abs(db) < last:
             flag = CLAMPED if held == 1 else INTERIOR
             fx = x[0] + x[1] * da + x[2] * db + 0.5 * (x[3] * da * da + x[5] * db * db) + x[4] * da * db
@@ -321,9 +379,10 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         flag = OUTSIDE
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     if length > 0.0:
-        nx /= length
-        ny /= length
-        nz /= length
+        length = 1.0 / length
+        nx *= length
+        ny *= length
+        nz *= length
     distance = (px - fx) * nx + (py - fy) * ny + (pz - fz) * nz
     return u, v, fx, fy, fz, nx, ny, nz, distance, flag
 
