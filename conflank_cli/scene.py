@@ -10,9 +10,11 @@ from conflank_cli.job import Job
 from conflank_cli.tool import Tool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """The resolved job with the geometry it speaks of.
+
+    A scene is equal to itself alone, so that what is made of it can be kept: see `Screen.of`.
 
     Attributes
     ----------

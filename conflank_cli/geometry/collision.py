@@ -7,6 +7,7 @@ between its poses too, and is for what may be chosen and for what is posted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -180,8 +181,9 @@ class Collider:
     names: tuple[str, ...] = ()
 
     @classmethod
+    @lru_cache(maxsize=1)
     def of(cls, scene: Scene) -> Collider:
-        """All bodies of a scene with the margins of its job."""
+        """All bodies of a scene with the margins of its job; kept for the next stage that asks."""
         scene = seen_from_first(scene)
         job = scene.job
         over, allowance, margin = job.tolerance.overcut, job.tolerance.allowance, job.obstacles.margin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -154,8 +155,9 @@ class Screen:
     obstacle_margins: Margins
 
     @classmethod
+    @lru_cache(maxsize=2)
     def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
-        """The screen of a job, with points about `spacing` mm apart."""
+        """The screen of a job, with points about `spacing` mm apart; kept for the next stage that asks."""
         scene = seen_from_first(scene)
         faces = [WorkFace.of(design, 0.0) for design in scene.faces]
         points = np.concatenate(

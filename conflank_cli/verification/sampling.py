@@ -269,23 +269,28 @@ def sample_mesh(mesh: CheckMesh, low: Array, high: Array, spacing: float = MESH_
     corners = mesh.vertices[mesh.triangles.astype(np.int64)]
     sag, face = _sags(mesh) if len(corners) else np.zeros(0), mesh.face.astype(np.int64)
     own = np.zeros(corners.shape[:2])
+    done: list[tuple[Array, Array, Array, Integers]] = []
     # Triangles of fixtures can be far larger than what the tool passes through: halves out of the box are left away.
-    while True:
-        near = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+    while len(corners):
+        near = np.ones(len(corners), dtype=np.bool_)
+        for x in range(3):
+            a, b, c = (corners[:, k, x] for k in range(3))
+            near &= np.minimum(np.minimum(a, b), c) <= high[x]
+            near &= np.maximum(np.maximum(a, b), c) >= low[x]
         corners, own, sag, face = corners[near], own[near], sag[near], face[near]
-        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-        long = sides.max(axis=1, initial=0.0) > spacing
-        if not long.any():
-            break
-        rows, side = np.arange(int(long.sum())), sides[long].argmax(axis=1)
-        a, b, c = (corners[long][rows, (side + k) % 3] for k in range(3))
-        sag_a, sag_b, sag_c = (own[long][rows, (side + k) % 3] for k in range(3))
-        middle, sag_m = 0.5 * (a + b), sag[long]
-        corners = np.concatenate([corners[~long], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        own = np.concatenate(
-            [own[~long], np.stack([sag_a, sag_m, sag_c], axis=1), np.stack([sag_m, sag_b, sag_c], axis=1)]
-        )
-        sag, face = (np.concatenate([values[~long], np.tile(values[long], 2)]) for values in (sag, face))
+        sides = np.stack([np.linalg.norm(corners[:, k] - corners[:, (k + 1) % 3], axis=1) for k in range(3)], axis=1)
+        long = (sides > spacing).any(axis=1)
+        done.append((corners[~long], own[~long], sag[~long], face[~long]))
+        corners, own, sag, face = corners[long], own[long], sag[long], face[long]
+        rows, side = np.arange(len(corners)), sides[long].argmax(axis=1)
+        a, b, c = (corners[rows, (side + k) % 3] for k in range(3))
+        sag_a, sag_b, sag_c = (own[rows, (side + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        own = np.concatenate([np.stack([sag_a, sag, sag_c], axis=1), np.stack([sag, sag_b, sag_c], axis=1)])
+        sag, face = np.tile(sag, 2), np.tile(face, 2)
+    if done:
+        corners, own, sag, face = (np.concatenate(parts) for parts in zip(*done, strict=True))
     # Pieces beside each other share their points.
     table = np.column_stack([corners.reshape(-1, 3), own.reshape(-1), np.repeat(face, 3)])
     keys = np.ascontiguousarray(table + 0.0).view(np.dtype((np.void, table.itemsize * 5))).reshape(-1)

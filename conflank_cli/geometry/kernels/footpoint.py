@@ -10,10 +10,10 @@ from numba import njit
 
 # Fused multiply-add is worth a quarter of the time and only drops roundings.
 FAST = {"contract"}
-# A step of Newton's method is followed by one on the second-order expansion of the surface. What both leave is of second
-# order too, in the distance times the third derivatives, but far less; how much shows in the step before: e' / e² stays.
-# They are the last ones where that says they leave less than LAST_ERROR (in units of the span), and the expansion gives
-# the foot to rounding, as it does up to LAST_STEP.
+# A step of Newton's method is followed by one on the second-order expansion of the surface. What both leave is of
+# second order too, in the distance times the third derivatives, but far less; how much shows in the step before, for
+# e' / e² stays. They are the last ones where that says they leave less than LAST_ERROR (in units of the span), and the
+# expansion gives the foot to rounding, as it does up to LAST_STEP.
 LAST_ERROR = 1.0e-11
 LAST_STEP = 1.0e-4
 # A step of Newton alone leaves one of second order.
