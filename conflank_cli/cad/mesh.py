@@ -71,7 +71,7 @@ def _mesh_by_kernel(part: Part, faces: Sequence[PartFace], deflection: float) ->
         builder.Add(compound, shapes[face.number])
     # A triangulation that came with the file has its own accuracy.
     BRepTools.Clean_s(compound)
-    BRepMesh_IncrementalMesh(compound, deflection / part.scale, False, ANGLE_RAD, False)
+    BRepMesh_IncrementalMesh(compound, deflection / part.scale, False, ANGLE_RAD, True)
     pieces = []
     for face in faces:
         location = TopLoc_Location()
