@@ -23,8 +23,9 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import njit
 
+from conflank_cli.cores import spread
 from conflank_cli.geometry.face import DesignFace
 from conflank_cli.geometry.kernels.footpoint import INTERIOR, project
 from conflank_cli.geometry.workface import FaceSamples, WorkFace, on_face
@@ -345,11 +346,11 @@ def _newton(error, on, rows, first, least, largest, norm, damping, span, matrix,
         step /= longest
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _search(surface, sense, trim, points, normals, uv, contacts, heights, radii, half_angle, least, found, used):  # type: ignore[no-untyped-def]
     """Fill found (N, H, KEPT, 8), rows as in `refine`, and used (N, H)."""
     places = contacts.shape[0]
-    for task in prange(points.shape[0] * places):
+    for task in range(points.shape[0] * places):
         i = task // places
         k = task % places
         contact = contacts[k]
@@ -442,10 +443,15 @@ class BlindSearch:
         places = np.array(contacts, dtype=np.int64)
         found = np.full((len(samples.uv), len(places), KEPT, 8), np.inf)
         used = np.zeros(found.shape[:2], dtype=np.int64)
-        _search(
-            tuple(self.face.projector.spans), self.face.sense, self._trim, samples.points, samples.normals, samples.uv,
-            places, self.heights, self.radii, self.tool.half_angle, self.least, found, used,
-        )  # fmt: skip
+        surface, trim = tuple(self.face.projector.spans), self._trim
+
+        def run(part: slice) -> None:
+            _search(
+                surface, self.face.sense, trim, samples.points[part], samples.normals[part], samples.uv[part],
+                places, self.heights, self.radii, self.tool.half_angle, self.least, found[part], used[part],
+            )  # fmt: skip
+
+        spread(run, len(samples.uv))
         every = found[..., 0]
         there = np.isfinite(every)
         d = np.where(there[..., None], found[..., 5:8], np.nan)
