@@ -6,7 +6,6 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -14,6 +13,7 @@ import click
 
 from conflank_cli import __version__
 from conflank_cli.errors import EXIT_DEVICE, EXIT_DONE, EXIT_INPUT, EXIT_NUMERICAL, EXIT_USAGE, ConflankError
+from conflank_cli.options import NearestGroup
 from postprocessors.errors import DeviceError, PostError
 
 # What a shell reports for a program that SIGINT or SIGPIPE ended.
@@ -34,11 +34,12 @@ COMMANDS = {
     "report": "conflank_cli.commands.report:report",
     "plot": "conflank_cli.commands.plot:plot",
     "export": "conflank_cli.commands.export:export",
+    "completion": "conflank_cli.commands.completion:completion",
 }
 """Commands in the order of the pipeline, as module:attribute. A command module imports numerics only when it runs."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(NearestGroup):
     """A group that imports a command when it is needed and words errors in three parts."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -53,16 +54,6 @@ class LazyGroup(click.Group):
         command = getattr(import_module(module), attribute)
         assert isinstance(command, click.Command)
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is asked for; an unknown one with the nearest that there is."""
-        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
-            near = get_close_matches(args[0], COMMANDS, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(COMMANDS)}."
-            ctx.fail(f"No command {args[0]!r}: {hint}")
-        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command; a reader that left the pipe is no error to speak of."""

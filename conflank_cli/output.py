@@ -19,7 +19,7 @@ def check_output(out: str | Path, inputs: Iterable[str | Path] = (), binary: boo
 
     Raises
     ------
-    UsageError: `out` is one of the inputs, its folder is missing, or it is binary and the terminal.
+    UsageError: `out` is one of the inputs, its folder is missing or closed, or it is binary and the terminal.
     """
     if str(out) == STANDARD:
         if binary and sys.stdout.isatty():
@@ -35,6 +35,27 @@ def check_output(out: str | Path, inputs: Iterable[str | Path] = (), binary: boo
     for source in inputs:
         if str(source) != STANDARD and same_file(path, Path(source)):
             raise UsageError(f"-o {out}", "one of the inputs", "another file", "Name another output.")
+    # A file that may not be written is replaced nevertheless by the rename at the end, which only asks its folder.
+    if path.exists() and not os.access(path, os.W_OK):
+        raise UsageError(
+            f"-o {out}", "a file that may not be written", "one that may", "Name another, or chmod u+w it."
+        )
+    if not _is_device(path) and not os.access(path.resolve().parent, os.W_OK):
+        raise UsageError(f"-o {out}", "a folder that may not be written", "one that may", "Name another.")
+
+
+def check_folder(option: str, folder: Path) -> None:
+    """Refuse a folder for outputs that cannot be made or written, before any work is done for it.
+
+    Raises
+    ------
+    UsageError: it is a file, or the nearest folder on the way to it that exists may not be written.
+    """
+    there = next((each for each in (folder, *folder.absolute().parents) if each.exists()), Path("/"))
+    if not there.is_dir():
+        raise UsageError(f"{option} {folder}", "a file", "a folder", "Name another.")
+    if not os.access(there, os.W_OK):
+        raise UsageError(f"{option} {folder}", f"{there} may not be written", "a folder that may", "Name another.")
 
 
 def same_file(one: Path, other: Path) -> bool:
@@ -47,28 +68,63 @@ def write_output(data: bytes | str, out: str | Path, inputs: Iterable[str | Path
 
     Text is written as it is, in UTF-8, without translating line ends.
     """
-    check_output(out, inputs, binary=isinstance(data, bytes))
-    raw = data.encode("utf-8") if isinstance(data, str) else data
-    if str(out) == STANDARD:
-        sys.stdout.flush()
-        sys.stdout.buffer.write(raw)
-        sys.stdout.buffer.flush()
-        return
-    path = Path(out)
+    write_outputs([(out, data)], inputs)
+
+
+def write_outputs(contents: Iterable[tuple[str | Path, bytes | str]], inputs: Iterable[str | Path] = ()) -> None:
+    """Write several outputs, all of them or none: each is on the disk beside its name before the first gets it.
+
+    Raises
+    ------
+    UsageError: one of them cannot be written.
+    """
+    inputs, contents = list(inputs), list(contents)
+    for name, content in contents:
+        check_output(name, inputs, binary=isinstance(content, bytes))
+    waiting: list[tuple[Path, Path]] = []
+    out: str | Path = STANDARD
     try:
-        # In the same folder, so that the last step is a rename within one file system.
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        for out, data in contents:
+            raw = data.encode("utf-8") if isinstance(data, str) else data
+            if str(out) == STANDARD:
+                sys.stdout.flush()
+                sys.stdout.buffer.write(raw)
+                sys.stdout.buffer.flush()
+            elif _is_device(Path(out)):
+                Path(out).write_bytes(raw)
+            else:
+                waiting.append(_beside(raw, Path(out)))
+        for temporary, path in waiting:
+            temporary.replace(path)
+    except BrokenPipeError:
+        raise
     except OSError as error:
-        raise UsageError(f"-o {out}", f"{error.strerror}", "a folder that can be written", "Name another.") from None
+        where = "standard output" if str(out) == STANDARD else f"-o {out}"
+        raise UsageError(where, f"{error.strerror}", "a place that can be written", "Name another.") from None
+    finally:
+        for temporary, _ in waiting:
+            temporary.unlink(missing_ok=True)
+
+
+def _is_device(path: Path) -> bool:
+    """Whether a name is that of a device or a pipe, which is written to and not replaced."""
+    return path.exists() and not path.is_file()
+
+
+def _beside(raw: bytes, out: Path) -> tuple[Path, Path]:
+    """Write to a hidden file beside `out`; returns it, and the file it shall be (a link's target)."""
+    path = out.resolve() if out.is_symlink() else out
+    # In the same folder, so that the last step is a rename within one file system.
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     temporary = Path(name)
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(raw)
         temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    return temporary, path
 
 
 def _umask() -> int:

@@ -22,7 +22,7 @@ class Progress(Protocol):
     """Who is told how far the stages are."""
 
     def stage(self, title: str, total: int) -> AbstractContextManager[Stage]:
-        """Open a stage of `total` steps; leaving the context closes it."""
+        """Open a stage of `total` steps (one: nobody knows how far it is); leaving the context closes it."""
 
 
 class _SilentStage:
@@ -61,11 +61,12 @@ class BarProgress:
         bars = self._bars = self._bars or _make_bars()
         if outermost:
             bars.start()
-        task = bars.add_task(title, total=max(total, 1))
+        # A stage of one step would stand at nothing and then be done: its bar runs to and fro instead.
+        task = bars.add_task(title, total=total if total > 1 else None)
         try:
             yield _BarStage(bars, task)
             # A stage that stopped early because it was done is done.
-            bars.update(task, completed=max(total, 1))
+            bars.update(task, total=max(total, 1), completed=max(total, 1))
         finally:
             bars.stop_task(task)
             if outermost:
@@ -76,15 +77,24 @@ class BarProgress:
 def _make_bars() -> rich.progress.Progress:
     # rich costs a tenth of a second to import, and help needs no bars.
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.text import Text
 
-    columns = (
-        TextColumn("{task.description:<28}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
+    class Times(ProgressColumn):
+        """Time that has gone; before the end also the time left, once there is a rate to tell it from."""
+
+        def render(self, task: Task) -> Text:
+            left = None if task.finished or not task.total else task.time_remaining
+            gone = _clock((task.finished_time if task.finished else task.elapsed) or 0.0)
+            return Text(gone if left is None else f"{gone}, {_clock(left)} left", style="progress.remaining")
+
+    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), Times())
     return Progress(*columns, console=Console(stderr=True))
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02}"
 
 
 def make_progress(quiet: bool) -> Progress:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.commands.dnc_simulate import simulate
 from conflank_cli.commands.wiring import Wiring, wiring
 from conflank_cli.options import Talk
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from postprocessors.dnc.program import Program
 
 
-@click.group(epilog="\b\nExample:\n  conflank dnc send BLADE1.H")
+@click.group(cls=options.NearestGroup, epilog="\b\nExample:\n  conflank dnc send BLADE1.H")
 def dnc() -> None:
     """Transfer programs over RS-232.
 
@@ -36,7 +36,7 @@ def dnc() -> None:
 
 
 @dnc.command(epilog="\b\nExample:\n  conflank dnc send BLADE1.H --profile itnc530-blockwise --port /dev/ttyUSB0")
-@click.argument("program", metavar="PROGRAM")
+@click.argument("program", metavar="PROGRAM", shell_complete=completion.files(*completion.PROGRAM))
 @click.option("--send", "really", is_flag=True, help="Do it; otherwise only say what would be sent.")
 @click.option("--unverified", is_flag=True, help="Also without a verification that is free of findings.")
 @click.option("--lsv2", "address", metavar="HOST[:PORT]", help="Over TCP instead of the serial port (extra lsv2).")
@@ -45,6 +45,7 @@ def dnc() -> None:
 )
 @click.option("--overwrite", is_flag=True, help="Replace a file of that name at the control, with --lsv2.")
 @wiring
+@options.as_json
 @options.common
 def send(
     program: str,
@@ -54,6 +55,7 @@ def send(
     folder: str,
     overwrite: bool,
     wiring: Wiring,
+    as_json: bool,
     talk: Talk,
 ) -> None:
     """Send a program to the control.
@@ -66,17 +68,22 @@ def send(
         from postprocessors.dnc.lsv2 import send_file
 
         if not really:
-            _print_plan("would send", checked, f"{address}, {folder}", [])
+            _dry("would send", checked, f"{address}, {folder}", [], {}, as_json)
             return
         size = send_file(checked.path, address, folder, overwrite)
         talk.note(f"sent {checked.path.name}: {size:,} bytes to {address}")
+        if as_json:
+            _print_json(_about(checked, f"{address}, {folder}") | {"sent": True, "bytes": size})
         return
     if not really:
-        _print_plan("would send", checked, wiring.port, _line_words(wiring.profile, checked))
+        facts = _line_facts(wiring.profile, checked)
+        _dry("would send", checked, wiring.port, _line_words(wiring.profile, checked), facts, as_json)
         return
-    _transfer(_sender(checked, wiring.profile), wiring, talk, "send", checked.sent_bytes)
+    done = _transfer(_sender(checked, wiring.profile), wiring, talk, "send", checked.sent_bytes)
     if not wiring.profile.blockwise:
         talk.note("The control answered EOT, which it also does on an error: see its screen.")
+    if as_json:
+        _print_json(_about(checked, wiring.port) | {"sent": True} | done)
 
 
 def _sender(program: Program, profile: Profile) -> Engine:
@@ -115,13 +122,56 @@ def _line_words(profile: Profile, program: Program | None = None) -> list[tuple[
     bits = f"{profile.baud} baud, {profile.data_bits}{profile.parity[0].upper()}{profile.stop_bits:g}"
     words = [("settings", f"{bits}, handshake {profile.handshake}, {profile.protocol} ({profile.name})")]
     if program is not None:
-        characters = program.sent_bytes + (3 * program.lines if profile.blockwise else 0)
-        words.append(("time", f"at least {characters * profile.character_s:.0f} s"))
+        words.append(("time", f"at least {_least_seconds(profile, program):.0f} s"))
     return words
 
 
-def _print_plan(what: str, program: Program, to: str, words: list[tuple[str, str]]) -> None:
-    """What a dry run says, on standard output."""
+def _line_facts(profile: Profile, program: Program | None = None) -> dict[str, Any]:
+    """The same for --json."""
+    facts: dict[str, Any] = {
+        "profile": profile.name,
+        "baud": profile.baud,
+        "data_bits": profile.data_bits,
+        "parity": profile.parity,
+        "stop_bits": profile.stop_bits,
+        "handshake": profile.handshake,
+        "protocol": profile.protocol,
+    }
+    if program is not None:
+        facts["least_time_s"] = _least_seconds(profile, program)
+    return facts
+
+
+def _least_seconds(profile: Profile, program: Program) -> float:
+    """What the characters of a program take on the line."""
+    return (program.sent_bytes + (3 * program.lines if profile.blockwise else 0)) * profile.character_s
+
+
+def _about(program: Program, to: str | None) -> dict[str, Any]:
+    """Which program goes where, for --json."""
+    return {
+        "program": str(program.path),
+        "name": program.name,
+        "lines": program.lines,
+        "size_bytes": program.size,
+        "sha256": program.sha256,
+        "to": to or None,
+    }
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    from conflank_cli.commands.documents import print_document
+
+    print_document(content)
+
+
+def _dry(
+    what: str, program: Program, to: str | None, words: list[tuple[str, str]], facts: dict[str, Any], as_json: bool
+) -> None:
+    """What a run without --send says, on standard output."""
+    if as_json:
+        _print_json(_about(program, to) | facts | {"sent": False})
+        return
     lines = [("program", f"{program.name}, {program.lines:,} lines, {program.size:,} bytes")]
     lines.append(("sha256", program.sha256))
     text = program.text()
@@ -146,9 +196,17 @@ def _print_plan(what: str, program: Program, to: str, words: list[tuple[str, str
     "--folder", metavar="DIR", default="TNC:\\", show_default=True, help="Folder of the control, with --lsv2."
 )
 @wiring
+@options.as_json
 @options.common
 def receive(
-    name: str, output: str | None, overwrite: bool, address: str | None, folder: str, wiring: Wiring, talk: Talk
+    name: str,
+    output: str | None,
+    overwrite: bool,
+    address: str | None,
+    folder: str,
+    wiring: Wiring,
+    as_json: bool,
+    talk: Talk,
 ) -> None:
     """Receive a program from the control.
 
@@ -173,6 +231,8 @@ def receive(
 
         size = receive_file(name, path, address, folder, lambda part, final: _give_name(part, final))
         talk.note(f"received {name}: {size:,} bytes from {address}")
+        if as_json:
+            _print_json({"files": [str(path)], "name": name, "from": f"{address}, {folder}", "bytes": size})
         return
     title = f"receiving {name}"
     engine: Engine
@@ -180,7 +240,9 @@ def receive(
         engine = BlockwiseServer(wiring.profile, title, OneFile(name, path, overwrite), once=True)
     else:
         engine = StandardReceiver(wiring.profile, title, FileSink(path, overwrite, expected=name))
-    _transfer(engine, wiring, talk, "receive", None)
+    done = _transfer(engine, wiring, talk, "receive", None)
+    if as_json:
+        _print_json({"files": [str(path)], "name": name, "from": wiring.port} | done)
 
 
 def _give_name(part: Path, final: Path) -> None:
@@ -192,15 +254,23 @@ def _give_name(part: Path, final: Path) -> None:
 
 
 @dnc.command(epilog="\b\nExample:\n  conflank dnc serve . --profile itnc530-fe1")
-@click.argument("folder", metavar="FOLDER")
+@click.argument("folder", metavar="FOLDER", type=click.Path())
 @click.option("--send", "really", is_flag=True, help="Do it; otherwise only list what would be offered.")
 @click.option("--unverified", is_flag=True, help="Also programs without a verification that is free of findings.")
 @click.option("--read-only", is_flag=True, help="Take nothing from the control.")
 @click.option("--overwrite", is_flag=True, help="Let the control replace files.")
 @wiring
+@options.as_json
 @options.common
 def serve(
-    folder: str, really: bool, unverified: bool, read_only: bool, overwrite: bool, wiring: Wiring, talk: Talk
+    folder: str,
+    really: bool,
+    unverified: bool,
+    read_only: bool,
+    overwrite: bool,
+    wiring: Wiring,
+    as_json: bool,
+    talk: Talk,
 ) -> None:
     """Be a file server for a control in FE1, FE2 or blockwise mode.
 
@@ -220,6 +290,13 @@ def serve(
         raise UsageError("--profile", found, expected, "In the standard protocol the control cannot ask for files.")
     gate: Callable[[Path], str | None] = (lambda _: None) if unverified else objection
     store = Folder(path, wiring.profile, gate, writable=not read_only, overwrite=overwrite)
+    if not really and as_json:
+        offered = [
+            {"name": entry.name, "bytes": entry.size, "refused": gate(path / entry.name)} for entry in store.directory()
+        ]
+        facts = {"folder": folder, "to": wiring.port or None} | _line_facts(wiring.profile)
+        _print_json(facts | {"programs": offered, "served": False})
+        return
     if not really:
         click.echo(f"would serve {folder} at {wiring.port or 'no port'}")
         for name, value in _line_words(wiring.profile):
@@ -237,13 +314,16 @@ def serve(
         _transfer(engine, wiring, talk, "serve", None)
     except KeyboardInterrupt:
         talk.note("ended")
+        if as_json:
+            counts = {"blocks": engine.counts.blocks, "bytes": engine.counts.bytes, "repeats": engine.counts.repeats}
+            _print_json({"folder": folder, "to": wiring.port, "served": True} | counts)
 
 
 # --- drip -----------------------------------------------------------------------------------------------------------
 
 
 @dnc.command(epilog="\b\nExample:\n  conflank dnc drip BLADE1.H --profile itnc530-blockwise --set baud=115200")
-@click.argument("program", metavar="PROGRAM")
+@click.argument("program", metavar="PROGRAM", shell_complete=completion.files(*completion.PROGRAM))
 @click.option("--send", "really", is_flag=True, help="Do it; otherwise only say what would be sent.")
 @click.option("--unverified", is_flag=True, help="Also without a verification that is free of findings.")
 @click.option(
@@ -254,8 +334,17 @@ def serve(
     help="What both sides need between two blocks; measure it at the control.",
 )
 @wiring
+@options.as_json
 @options.common
-def drip(program: str, really: bool, unverified: bool, turnaround_ms: float, wiring: Wiring, talk: Talk) -> None:
+def drip(
+    program: str,
+    really: bool,
+    unverified: bool,
+    turnaround_ms: float,
+    wiring: Wiring,
+    as_json: bool,
+    talk: Talk,
+) -> None:
     """Feed a program to the control block by block while it runs.
 
     For programs larger than the control's memory. The line rate limits the feed: above the limit that is stated the
@@ -279,14 +368,24 @@ def drip(program: str, really: bool, unverified: bool, turnaround_ms: float, wir
         ("", f"F {limit.least:.0f} mm/min at line {limit.least_line}, whose way is shortest for its characters"),
         ("", over),
     ]
+    facts = {
+        "feed_sustained_mm_min": limit.sustained,
+        "feed_least_mm_min": limit.least,
+        "feed_least_line": limit.least_line,
+        "moves": limit.moves,
+        "moves_too_fast": limit.over,
+    }
     if not really:
-        _print_plan("would feed", checked, wiring.port, _line_words(profile, checked) + words)
+        facts = _line_facts(profile, checked) | facts
+        _dry("would feed", checked, wiring.port, _line_words(profile, checked) + words, facts, as_json)
         return
     for _, text in words:
         talk.note(text)
     # A block is acknowledged when the machine has room for the next: that takes as long as the cut does.
     patient = Wiring(replace(profile, silence_timeout_s=0.0), wiring.port, wiring.log, wiring.as_hex)
-    _transfer(_sender(checked, patient.profile), patient, talk, "drip", checked.sent_bytes)
+    done = _transfer(_sender(checked, patient.profile), patient, talk, "drip", checked.sent_bytes)
+    if as_json:
+        _print_json(_about(checked, wiring.port) | facts | {"sent": True} | done)
 
 
 # --- ports and check ------------------------------------------------------------------------------------------------
@@ -297,14 +396,12 @@ def drip(program: str, really: bool, unverified: bool, turnaround_ms: float, wir
 @options.common
 def ports(as_json: bool, talk: Talk) -> None:
     """List the serial ports of this computer."""
-    import json
-
     from serial.tools.list_ports import comports
 
     found = sorted(comports())
     if as_json:
         keys = ("device", "description", "hwid", "manufacturer", "product", "serial_number")
-        click.echo(json.dumps([{key: getattr(port, key) for key in keys} for port in found], indent=2))
+        _print_json({"ports": [{key: getattr(port, key) for key in keys} for port in found]})
         return
     for port in found:
         click.echo(f"{port.device:<16} {port.description}")
@@ -318,55 +415,59 @@ def ports(as_json: bool, talk: Talk) -> None:
 @click.option("--open", "try_port", is_flag=True, help="Open the port and read its settings and lines back.")
 @click.option("--loop-back", is_flag=True, help="Send every character and expect it back: needs a loop-back plug.")
 @wiring
+@options.as_json
 @options.common
-def check(mp5020: int | None, mp5030: int | None, try_port: bool, loop_back: bool, wiring: Wiring, talk: Talk) -> int:
+def check(
+    mp5020: int | None,
+    mp5030: int | None,
+    try_port: bool,
+    loop_back: bool,
+    wiring: Wiring,
+    as_json: bool,
+    talk: Talk,
+) -> int:
     """Compare a profile with the control's machine parameters and with the port.
 
     Exit code 1 means that they differ.
     """
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
+    from postprocessors.dnc.loop import port_state, try_loop
     from postprocessors.dnc.profile import explain_mp5020
 
+    del talk
     profile = wiring.profile
-    differences = 0
-    click.echo(f"{profile.name}: MP5020 = {profile.mp5020}, MP5030 = {profile.mp5030}")
-    for name, value in _line_words(profile):
-        click.echo(f"  {name:<14} {value}")
+    # What was compared, how it stands, and whether that is right.
+    facts: list[tuple[str, str, bool]] = []
     if mp5020 is not None:
         own = explain_mp5020(profile.mp5020)
-        for key, value in explain_mp5020(mp5020).items():
-            same = value == own[key]
-            differences += not same
-            click.echo(f"  {key:<14} control {value}, profile {own[key]}{'' if same else '  <- differs'}")
+        facts += [
+            (key, f"control {value}, profile {own[key]}", value == own[key])
+            for key, value in explain_mp5020(mp5020).items()
+        ]
     if mp5030 is not None:
-        same = mp5030 == profile.mp5030
-        differences += not same
-        click.echo(f"  {'protocol':<14} MP5030 {mp5030}, profile {profile.mp5030}{'' if same else '  <- differs'}")
+        facts.append(("protocol", f"MP5030 {mp5030}, profile {profile.mp5030}", mp5030 == profile.mp5030))
     if try_port or loop_back:
-        differences += _check_port(wiring, loop_back)
-    return EXIT_FINDINGS if differences else EXIT_DONE
-
-
-def _check_port(wiring: Wiring, loop_back: bool) -> int:
-    """Open the port, say what it has become, and how many things are not as they should be."""
-    from postprocessors.dnc.loop import port_state, try_loop
-
-    differences = 0
-    for name, value, good in port_state(wiring.profile, wiring.port):
-        differences += not good
-        click.echo(f"  {name:<14} {value}{'' if good else '  <- differs'}")
+        facts += port_state(profile, wiring.port)
     if loop_back:
-        for name, value, good in try_loop(wiring.profile, wiring.port):
-            differences += not good
-            click.echo(f"  {name:<14} {value}{'' if good else '  <- differs'}")
-    return differences
+        facts += try_loop(profile, wiring.port)
+    if as_json:
+        compared = [{"what": name, "found": text, "good": good} for name, text, good in facts]
+        line = _line_facts(profile) | {"mp5020": profile.mp5020, "mp5030": profile.mp5030}
+        _print_json(line | {"port": wiring.port or None, "compared": compared})
+    else:
+        click.echo(f"{profile.name}: MP5020 = {profile.mp5020}, MP5030 = {profile.mp5030}")
+        for name, value in _line_words(profile):
+            click.echo(f"  {name:<14} {value}")
+        for name, text, good in facts:
+            click.echo(f"  {name:<14} {text}{'' if good else '  <- differs'}")
+    return EXIT_DONE if all(good for *_, good in facts) else EXIT_FINDINGS
 
 
 # --- how a transfer runs --------------------------------------------------------------------------------------------
 
 
-def _transfer(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int | None) -> None:
-    """Run an engine at the port, with a bar, a log and a summary."""
+def _transfer(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int | None) -> dict[str, Any]:
+    """Run an engine at the port, with a bar, a log and a summary; returns how much went over the wire."""
     from postprocessors.dnc.port import open_port
     from postprocessors.dnc.session import Session, TransferLog
 
@@ -402,6 +503,7 @@ def _transfer(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int 
     rate = f", {counts.bytes / seconds:,.0f} bytes/s" if seconds > 0.1 else ""
     repeats = f", {counts.repeats} repeated" if counts.repeats else ""
     talk.note(f"done: {counts.blocks:,} blocks, {counts.bytes:,} bytes in {seconds:.1f} s{rate}{repeats}")
+    return {"blocks": counts.blocks, "bytes": counts.bytes, "seconds": round(seconds, 3), "repeats": counts.repeats}
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.commands.wiring import DEFAULT_PROFILE, read_profile
 from conflank_cli.options import Talk
 
@@ -19,13 +19,32 @@ ACTIONS = ("load=NAME", "save=NAME", "load-all", "save-all", "directory", "fe1-d
 
 
 @click.command(epilog="\b\nExample:\n  conflank dnc simulate save=BLADE1.H --link ./tnc")
-@click.argument("actions", metavar="ACTION...", nargs=-1, required=True)
+@click.argument(
+    "actions",
+    metavar="ACTION...",
+    nargs=-1,
+    required=True,
+    shell_complete=completion.words(word.removesuffix("NAME") for word in ACTIONS),
+)
 @click.option(
-    "--profile", "profile_name", metavar="NAME", default=DEFAULT_PROFILE, show_default=True, help="As for send."
+    "--profile",
+    "profile_name",
+    metavar="NAME",
+    default=DEFAULT_PROFILE,
+    show_default=True,
+    help="As for send.",
+    shell_complete=completion.shipped("dnc", "profiles"),
 )
 @click.option("--set", "changes", metavar="KEY=VALUE", multiple=True, help="Another value for a key of the profile.")
 @click.option("--link", metavar="FILE", help="Name under which the port is found, besides its own.")
-@click.option("--memory", metavar="DIR", default=".", show_default=True, help="Folder with the control's programs.")
+@click.option(
+    "--memory",
+    metavar="DIR",
+    type=click.Path(),
+    default=".",
+    show_default=True,
+    help="Folder with the control's programs.",
+)
 @click.option(
     "--fault", "faults", metavar="KEY=VALUE", multiple=True, help="Something that goes wrong: see docs/dnc.md."
 )
@@ -33,6 +52,7 @@ ACTIONS = ("load=NAME", "save=NAME", "load-all", "save-all", "directory", "fe1-d
 @click.option(
     "--linger", metavar="SECONDS", default=30.0, show_default=True, help="How long to leave the port at the end."
 )
+@options.as_json
 @options.common
 def simulate(
     actions: tuple[str, ...],
@@ -43,6 +63,7 @@ def simulate(
     faults: tuple[str, ...],
     wait: float,
     linger: float,
+    as_json: bool,
     talk: Talk,
 ) -> int:
     """Simulate a control at a pseudo-terminal.
@@ -67,21 +88,37 @@ def simulate(
     steps = [_step(control, action) for action in actions]
     terminal = PseudoTerminal(Path(link) if link is not None else None)
     good = True
+    done: list[dict[str, Any]] = []
     try:
-        click.echo(terminal.name)
+        # Whoever opens the port has to know its name before there is anything to tell.
+        click.echo(terminal.name, err=as_json)
         for action, step in zip(actions, steps, strict=True):
             if not terminal.wait_for_program(wait):
                 talk.note(f"{action}: nobody has opened the port")
                 return EXIT_DEVICE
             terminal.run(control, step)
-            click.echo(f"{action}: {control.screen}{_rate(control)}")
+            if not as_json:
+                click.echo(f"{action}: {control.screen}{_rate(control)}")
             good &= control.succeeded
+            done.append(
+                {
+                    "action": action,
+                    "screen": control.screen,
+                    "succeeded": control.succeeded,
+                    "characters": control.received,
+                    "seconds": round(max(control.last_at - control.first_at, 0.0), 3),
+                }
+            )
             if control.vanished:
                 break
         else:
             terminal.wait_for_end(linger)
     finally:
         terminal.close()
+    if as_json:
+        from conflank_cli.commands.documents import print_document
+
+        print_document({"port": terminal.name, "actions": done})
     return EXIT_DONE if good else EXIT_DEVICE
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 if TYPE_CHECKING:
@@ -25,10 +25,18 @@ FORMATS = {
 
 @click.command(epilog="\b\nExample:\n  conflank export envelope out/plan.npz -o envelope.glb")
 @click.argument("what", type=click.Choice(list(FORMATS)))
-@click.argument("sources", metavar="FILE...", nargs=-1, required=True)
-@click.option("-o", "--output", metavar="FILE", required=True, help="Where to write; the suffix is the format.")
+@options.sources(*completion.ARTIFACT, *completion.JOB, *completion.PROGRAM, *completion.JUDGEMENT)
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    required=True,
+    help="Where to write; the suffix is the format.",
+    shell_complete=completion.files(".stl", ".ply", ".glb", ".step", ".csv"),
+)
+@options.as_json
 @options.common
-def export(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
+def export(what: str, sources: tuple[str, ...], output: str, as_json: bool, talk: Talk) -> None:
     """Write surfaces and tables for other programs.
 
     \b
@@ -42,6 +50,7 @@ def export(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None
     """
     from pathlib import Path
 
+    from conflank_cli.commands.documents import print_document
     from conflank_cli.commands.material import gather, read_sweeps
     from conflank_cli.errors import UsageError
     from conflank_cli.output import check_output, write_output
@@ -74,6 +83,8 @@ def export(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None
             data = spreadsheets.poses_csv(material.posed)
     write_output(data, output, inputs)
     talk.note(f"{what:<13} {output}")
+    if as_json:
+        print_document({"files": [output], "what": what})
 
 
 def _surfaces(what: str, scene: Scene, sweeps: tuple[Sweep, ...], suffix: str) -> bytes:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 
 @click.command(epilog="\b\nExample:\n  conflank inspect blade.step")
-@options.source("FILE")
+@options.source("FILE", *completion.PART, *completion.ARTIFACT)
 @options.as_json
 @options.common
 def inspect(source: str, as_json: bool, talk: Talk) -> None:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 if TYPE_CHECKING:
     from postprocessors.machines.machine import Machine
 
 
-@click.group(invoke_without_command=True, epilog="\b\nExample:\n  conflank machines")
+@click.group(cls=options.NearestGroup, invoke_without_command=True, epilog="\b\nExample:\n  conflank machines")
 @options.as_json
 @options.common
 @click.pass_context
@@ -26,14 +26,13 @@ def machines(context: click.Context, as_json: bool, talk: Talk) -> None:
     del talk
     if context.invoked_subcommand is not None:
         return
-    import msgspec
-
+    from conflank_cli.commands.documents import print_document
     from conflank_cli.commands.tables import text_table
     from postprocessors.machines.machine import shipped_machines
 
     found = [_facts(name) for name in shipped_machines()]
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+        print_document({"machines": found})
         return
     rows = [
         (facts["name"], " ".join(facts["axes"]), facts["verified"], len(facts["unknown"]), facts["description"])
@@ -43,7 +42,7 @@ def machines(context: click.Context, as_json: bool, talk: Talk) -> None:
 
 
 @machines.command(epilog="\b\nExample:\n  conflank machines check ac-table")
-@click.argument("name", metavar="NAME|FILE")
+@click.argument("name", metavar="NAME|FILE", shell_complete=completion.shipped("machines"))
 @options.as_json
 @options.common
 def check(name: str, as_json: bool, talk: Talk) -> int:
@@ -51,14 +50,13 @@ def check(name: str, as_json: bool, talk: Talk) -> int:
 
     Exit code 1 means that values are still unknown ("?"): they are listed, and no program is posted for the machine.
     """
-    import msgspec
-
+    from conflank_cli.commands.documents import print_document
     from conflank_cli.commands.tables import cell_text
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
 
     facts = _facts(name)
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(facts)).decode())
+        print_document(facts)
     else:
         for key, value in facts.items():
             if isinstance(value, list):

@@ -6,7 +6,6 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from conflank_cli.commands.tables import text_table
@@ -53,18 +52,6 @@ def summary_tables(summary: Mapping[str, Any]) -> str:
     if summary["order"]:
         parts.append(f"cut {summary['order']}\n")
     return "\n".join(parts)
-
-
-def as_document(summary: Mapping[str, Any], sweeps: Sequence[Sweep], scene: Scene) -> str:
-    """The summary and what was measured of each sweep, as JSON."""
-    content = {
-        "units": {"length": "mm"},
-        "summary": summary,
-        "plan": [
-            {"face": scene.faces[sweep.face].number, "tool": sweep.tool, "facts": dict(sweep.facts)} for sweep in sweeps
-        ],
-    }
-    return msgspec.json.format(msgspec.json.encode(content)).decode() + "\n"
 
 
 def draw(scene: Scene, sweeps: Sequence[Sweep], coverage: Sequence[FaceCoverage], file: str) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 FIGURES = ("lines", "convergence", "coverage", "gap", "sweeps", "axes")
@@ -12,10 +12,18 @@ FIGURES = ("lines", "convergence", "coverage", "gap", "sweeps", "axes")
 
 @click.command(epilog="\b\nExample:\n  conflank plot gap out/plan.npz out/BLADE1.H -o gap.png")
 @click.argument("what", type=click.Choice(FIGURES))
-@click.argument("sources", metavar="FILE...", nargs=-1, required=True)
-@click.option("-o", "--output", metavar="FILE", required=True, help="Where to write the figure: .png, .svg or .pdf.")
+@options.sources(*completion.ARTIFACT, *completion.JOB, *completion.PROGRAM, *completion.JUDGEMENT)
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    required=True,
+    help="Where to write the figure: .png, .svg or .pdf.",
+    shell_complete=completion.files(*completion.PICTURE),
+)
+@options.as_json
 @options.common
-def plot(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
+def plot(what: str, sources: tuple[str, ...], output: str, as_json: bool, talk: Talk) -> None:
     """Draw a figure of a job.
 
     \b
@@ -28,6 +36,7 @@ def plot(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
 
     FILE is an artifact for the first two, and for the others what conflank report takes: a plan or job, a program.
     """
+    from conflank_cli.commands.documents import print_document
     from conflank_cli.commands.material import gather, read_sweeps
     from conflank_cli.output import check_output, write_output
     from conflank_cli.report import figures
@@ -54,3 +63,5 @@ def plot(what: str, sources: tuple[str, ...], output: str, talk: Talk) -> None:
             figure = programs[what](material.scene, material.posed)
     write_output(figures.encoded(figure, suffix), output, [str(name) for name in inputs])
     talk.note(f"figure        {output}")
+    if as_json:
+        print_document({"files": [output], "what": what})

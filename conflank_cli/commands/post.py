@@ -4,39 +4,42 @@ from __future__ import annotations
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 
 @click.command(epilog="\b\nExample:\n  conflank post plan.npz -o BLADE1.H")
-@options.source("PLAN")
-@options.output("the program")
+@options.source("PLAN", *completion.ARTIFACT)
+@options.output("the program", *completion.PROGRAM)
 @options.job_override("[setup], [machine] and [program]")
+@options.as_json
 @options.common
-def post(source: str, output: str, job_file: str | None, talk: Talk) -> None:
+def post(source: str, output: str, job_file: str | None, as_json: bool, talk: Talk) -> None:
     """Write the program for the job's machine.
 
     PLAN is what conflank select writes. A program that the control or the machine cannot execute is not written. Where
     the job splits the program, -o names the one that calls the parts; they are written beside it.
     """
     from conflank_cli.artifacts import read_plan
+    from conflank_cli.commands.documents import of_posting, print_document, refuse_both
     from conflank_cli.commands.inputs import override
     from conflank_cli.commands.stages import run_post
     from conflank_cli.commands.tables import prediction
-    from conflank_cli.output import check_output, write_output
+    from conflank_cli.output import check_output, write_outputs
     from conflank_cli.posting import summarize
 
+    refuse_both(as_json, output, "the program")
     check_output(output, [source])
     plan = read_plan(source)
     scene = override(plan.scene, "post", job_file, talk)
     check_split(scene.job.program.split, output)
     files, path = run_post(scene, plan.sweeps, plan.passes, output, talk)
-    for name in files:
-        check_output(name, [source])
     # The calling program last: once it is there, so are its parts.
-    for name, text in reversed(files.items()):
-        write_output(text, name, [source])
-    talk.note(prediction(summarize(scene.job, path)))
+    write_outputs(reversed(files.items()), [source])
+    summary = summarize(scene.job, path)
+    talk.note(prediction(summary))
+    if as_json:
+        print_document({"files": list(files), **of_posting(summary)})
 
 
 def check_split(split: str, output: str) -> None:

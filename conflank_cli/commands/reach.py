@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 
 @click.command(epilog="\b\nExample:\n  conflank reach job.toml --picture reach.png")
-@options.source("JOB")
-@click.option("--picture", metavar="FILE", help="Draw the least axis error over every face to FILE (PNG, SVG or PDF).")
+@options.source("JOB", *completion.JOB)
+@options.picture("the least axis error over every face")
 @click.option("--points", default=1500, show_default=True, type=click.IntRange(50, 100000), help="Points on a face.")
 @options.as_json
 @options.common

@@ -6,13 +6,21 @@ import time
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 
 @click.command(epilog="\b\nExample:\n  conflank run job.toml --out out")
-@click.argument("job_file", metavar="JOB")
-@click.option("--out", "folder_out", metavar="DIR", default="out", show_default=True, help="Folder for the files.")
+@click.argument("job_file", metavar="JOB", shell_complete=completion.files(*completion.JOB))
+@click.option(
+    "--out",
+    "folder_out",
+    metavar="DIR",
+    type=click.Path(),
+    default="out",
+    show_default=True,
+    help="Folder for the files.",
+)
 @options.as_json
 @options.common
 def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
@@ -20,14 +28,13 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
 
     Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts),
     NAME.H.verification.json and report.html into DIR, all of them or none. Exit code 1 means that the verification has
-    findings, or that something forbids every sweep: then there is no program. --json prints the verification with the
-    names of the files.
+    findings, or that something forbids every sweep: then there is no program. --json prints the plan's
+    summary, what is known of the program before it runs, and the verification.
     """
     from pathlib import Path
 
-    import msgspec
-
     from conflank_cli.artifacts.npz import encode_artifact
+    from conflank_cli.commands.documents import of_posting, print_document
     from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
@@ -35,7 +42,7 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
     from conflank_cli.formats import post_of
     from conflank_cli.machine_frame import machine_of
-    from conflank_cli.output import check_output, write_output
+    from conflank_cli.output import check_folder, check_output, write_outputs
     from conflank_cli.posting import summarize
     from conflank_cli.report.document import report_html
     from conflank_cli.verification.verify import pose_program
@@ -46,9 +53,8 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     out = Path(folder_out)
     program = job.program.name + post_of(job).suffix
     names = ("candidates.npz", "motions.npz", "plan.npz", program, f"{program}.verification.json", "report.html")
+    check_folder("--out", out)
     if out.exists():
-        if not out.is_dir():
-            raise UsageError(f"--out {out}", "a file", "a folder", "Name another.")
         for name in names:
             check_output(out / name, inputs)
     # A machine that does not exist should not be found out after all the computing.
@@ -64,11 +70,11 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         "motions.npz": encode_artifact("motions", scene, motions, motions_summary),
         "plan.npz": encode_artifact("plan", scene, plan, plan_summary, coverage=coverage, passes=passes),
     }
-    verification, facts = None, ""
+    verification, summary = None, None
     if plan or passes:
         programs, path = run_post(scene, plan, passes, program, talk)
         verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
-        facts = facts_of(summarize(scene.job, path))
+        summary = summarize(scene.job, path)
         with talk.timed("report"):
             posed = pose_program(programs[program], scene, programs.get)
             page = report_html(scene, posed, programs[program], verification, coverage)
@@ -81,17 +87,20 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out {out}", f"{error.strerror}", "a folder that can be made", "Name another.") from None
-    for name in contents:
-        check_output(out / name, inputs)
-    for name, content in contents.items():
-        write_output(content, out / name, inputs)
+    write_outputs([(out / name, content) for name, content in contents.items()], inputs)
 
-    if verification is None:
+    if verification is None or summary is None:
         talk.note(summary_tables(plan_summary) + "\nno program    something forbids every sweep")
     else:
-        talk.note(f"{judgement(verification)}\n{facts}\nprogram       {out / program}")
+        talk.note(f"{judgement(verification)}\n{facts_of(summary)}\nprogram       {out / program}")
     talk.note(f"computed in   {time.perf_counter() - start:.1f} s")
     if as_json:
-        summary = {"files": [str(out / name) for name in contents], "verification": verification}
-        click.echo(msgspec.json.format(msgspec.json.encode(summary)).decode())
+        print_document(
+            {
+                "files": [str(out / name) for name in contents],
+                "plan": plan_summary,
+                "posting": None if summary is None else of_posting(summary),
+                "verification": verification,
+            }
+        )
     return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import click
 
-from conflank_cli import options
+from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
 
 @click.command(epilog="\b\nExample:\n  conflank select motions.npz -o plan.npz")
-@options.source("MOTIONS")
-@options.output("the plan (NPZ)")
+@options.source("MOTIONS", *completion.ARTIFACT)
+@options.output("the plan (NPZ)", *completion.ARTIFACT)
 @options.job_override("[selection] and all tables after it")
-@click.option(
-    "--picture", metavar="FILE", help="Draw what covers what, and why the rest is left, to FILE (PNG, SVG or PDF)."
-)
+@options.picture("what covers what, and why the rest is left,")
 @options.as_json
 @options.common
 def select(source: str, output: str, job_file: str | None, picture: str | None, as_json: bool, talk: Talk) -> int:
@@ -23,19 +21,19 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
     Passes are cut with the ball; they are laid where [selection] ball_passes is enabled.
 
     MOTIONS is what conflank optimize writes. A table on standard error says how many sweeps there have to be at least,
-    and what is left and why; --json prints it on standard output, which takes an -o FILE for the plan. Exit code 1
+    and what is left and why; Exit code 1
     means that something forbids every sweep: the plan is empty, and the table names what is in the way.
     """
     from conflank_cli.artifacts import read_artifact, write_artifact
+    from conflank_cli.commands.documents import of_stage, print_document, refuse_both
     from conflank_cli.commands.inputs import override
-    from conflank_cli.commands.plan_map import as_document, draw, summary_tables
+    from conflank_cli.commands.plan_map import draw, summary_tables
     from conflank_cli.commands.stages import run_passes, run_select
-    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
-    from conflank_cli.output import STANDARD, check_output, write_output
+    from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
+    from conflank_cli.output import check_output, write_output
     from conflank_cli.report.picture_file import picture_suffix
 
-    if as_json and output == STANDARD:
-        raise UsageError("--json", "the plan on standard output too", "one of them there", "Name a file with -o.")
+    refuse_both(as_json, output, "the plan")
     check_output(output, [source], binary=True)
     if picture is not None:
         picture_suffix(picture)
@@ -49,5 +47,5 @@ def select(source: str, output: str, job_file: str | None, picture: str | None, 
         write_output(draw(scene, plan, coverage, picture), picture, [source])
     talk.note(summary_tables(summary).rstrip("\n"))
     if as_json:
-        click.echo(as_document(summary, plan, scene), nl=False)
+        print_document(of_stage(scene, plan, summary, [output, *([picture] if picture else [])]))
     return EXIT_DONE if plan or passes else EXIT_FINDINGS

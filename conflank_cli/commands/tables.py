@@ -16,6 +16,8 @@ from conflank_cli.verification.result import CutFigures, Place, Verification
 
 if TYPE_CHECKING:
     from conflank_cli.posting.summary import PostSummary
+    from conflank_cli.scene import Scene
+    from conflank_cli.sweep import Sweep
 
 # Where nobody looks at a terminal a table may be as wide as it likes.
 _WIDE = 1000
@@ -46,6 +48,30 @@ def cell_text(value: object) -> str:
     if isinstance(value, list | tuple):
         return " ".join(cell_text(item) for item in value)
     return str(value)
+
+
+def stage_table(scene: Scene, sweeps: Sequence[Sweep]) -> str:
+    """How many sweeps a stage has for each face and tool, the area of the largest, and how well they fit."""
+    groups: dict[tuple[int, str], list[Sweep]] = {}
+    for sweep in sweeps:
+        groups.setdefault((scene.faces[sweep.face].number, sweep.tool), []).append(sweep)
+
+    def known(group: list[Sweep], fact: str) -> list[float]:
+        return [sweep.facts[fact] for sweep in group if fact in sweep.facts]
+
+    rows = [
+        (
+            number,
+            tool,
+            len(group),
+            max(known(group, "area_mm2"), default=None),
+            min(known(group, "axis_error_mean_um"), default=None),
+            max(known(group, "axis_error_mean_um"), default=None),
+        )
+        for (number, tool), group in groups.items()
+    ]
+    columns = ["face", "<tool", "sweeps", "largest mm²", "mean axis error µm, least", "most"]
+    return text_table(columns, rows).rstrip("\n")
 
 
 def judgement(verification: Verification) -> str:

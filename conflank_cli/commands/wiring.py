@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from conflank_cli import completion
 from conflank_cli.options import Command
 
 if TYPE_CHECKING:
@@ -36,8 +37,14 @@ def wiring(function: Command) -> Command:
         default=DEFAULT_PROFILE,
         show_default=True,
         help="Shipped profile, or a TOML file.",
+        shell_complete=completion.shipped("dnc", "profiles"),
     )
-    @click.option("--port", metavar="PORT", help="Device or pyserial URL, instead of the profile's.")
+    @click.option(
+        "--port",
+        metavar="PORT",
+        help="Device or pyserial URL, instead of the profile's.",
+        shell_complete=completion.ports,
+    )
     @click.option(
         "--set", "changes", metavar="KEY=VALUE", multiple=True, help="Another value for a key of the profile."
     )
