@@ -6,6 +6,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -86,9 +87,7 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         error.show()
         return EXIT_USAGE
     except click.ClickException as error:
-        context = getattr(error, "ctx", None)
-        path = context.command_path if context else "conflank"
-        _say(f"{path}: {error.format_message()}", next_step=f"{path} --help tells more.")
+        _say_usage(error)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("Interrupted: nothing was written.", err=True)
@@ -100,6 +99,14 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         if isinstance(error, ConflankError):
             return error.exit_code
         return EXIT_DEVICE if isinstance(error, DeviceError) else EXIT_INPUT
+    except OSError as error:
+        if debug:
+            traceback.print_exc()
+        where = "standard output" if error.filename is None else str(error.filename)
+        _say(where, error.strerror or str(error), "a file that can be read and written", "Check the file and its disk.")
+        # Python flushes stdout once more at exit, and would complain then.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_USAGE
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -112,6 +119,46 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         )
         return EXIT_NUMERICAL
     return code if isinstance(code, int) else EXIT_DONE
+
+
+def _say_usage(error: click.ClickException) -> None:
+    """What is wrong with the words of the command line; the nearest option where one is not known."""
+    context: click.Context | None = getattr(error, "ctx", None)
+    path = context.command_path if context else "conflank"
+    usage = " ".join([path, *context.command.collect_usage_pieces(context)]) if context else "another call"
+    more = f"{path} --help tells more."
+    if isinstance(error, click.NoSuchOption):
+        options = [name for each in context.command.get_params(context) for name in each.opts] if context else []
+        near = get_close_matches(error.option_name, options, n=1)
+        step = f"Did you mean {near[0]}?" if near else more
+        _say(path, f"no option {error.option_name}", "an option of the command", step)
+        return
+    parameter: click.Parameter | None = getattr(error, "param", None)
+    if isinstance(error, click.MissingParameter) and parameter is not None:
+        _say(path, f"no {_called(parameter)}", usage, more)
+    elif isinstance(error, click.BadParameter) and parameter is not None:
+        found, _, _ = error.message.partition(" is not ")
+        near = get_close_matches(found.strip("'"), getattr(parameter.type, "choices", ()), n=1)
+        step = f"Did you mean {near[0]!r}?" if near else more
+        _say(f"{path}: {_called(parameter)}", found.rstrip("."), _wanted(parameter.type), step)
+    else:
+        _say(path, error.format_message().rstrip("."), usage, more)
+
+
+def _called(parameter: click.Parameter) -> str:
+    """What a user calls an option or argument."""
+    if isinstance(parameter, click.Option):
+        return max(parameter.opts, key=len)
+    return (parameter.metavar or parameter.name or "").upper().strip("[]")
+
+
+def _wanted(kind: click.ParamType[Any]) -> str:
+    """The values that a parameter takes."""
+    if isinstance(kind, click.Choice):
+        return f"one of {', '.join(map(str, kind.choices))}"
+    if isinstance(kind, click.IntRange | click.FloatRange):
+        return f"{kind.name.removesuffix(' range')} from {kind.min} to {kind.max}"
+    return f"a value of type {kind.name}"
 
 
 def _say(where: str, found: str = "", expected: str = "", next_step: str = "") -> None:

@@ -31,6 +31,7 @@ from typing import Any
 import click
 
 from conflank_cli import completion
+from conflank_cli.errors import UsageError
 from conflank_cli.output import STANDARD
 from conflank_cli.progress import Progress, make_progress
 
@@ -78,8 +79,12 @@ class NearestGroup(click.Group):
         known = self.list_commands(ctx)
         if args and args[0] not in known and not args[0].startswith("-") and not ctx.resilient_parsing:
             near = get_close_matches(args[0], known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}."
-            ctx.fail(f"No command {args[0]!r}: {hint}")
+            raise UsageError(
+                ctx.command_path,
+                f"no command {args[0]!r}",
+                f"one of {', '.join(known)}",
+                f"Did you mean {near[0]!r}?" if near else f"{ctx.command_path} --help tells more.",
+            )
         return super().resolve_command(ctx, args)
 
 

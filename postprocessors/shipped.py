@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,9 +38,27 @@ def read_shipped(name_or_path: str | Path, folder: Path, kind: str, expected: st
     else:
         path = folder / f"{text}.toml"
         if not path.is_file():
-            names = ", ".join(shipped_names(folder))
-            raise PostError(kind, f"'{text}'", f"one of {names}", "Name one of these or give the path of a file.")
+            names = shipped_names(folder)
+            near = get_close_matches(text, names, n=1)
+            step = f"Did you mean {near[0]!r}?" if near else "Name one of these or give the path of a file."
+            raise PostError(kind, f"'{text}'", f"one of {', '.join(names)}", step)
     try:
         return TomlText(path.read_text("utf-8"), path.name)
     except (OSError, UnicodeDecodeError) as error:
         raise PostError(str(path), f"no readable file ({error})", expected, "Check its path.") from error
+
+
+def schema_error(message: str, where: str, known: Iterable[str], expected: str, otherwise: str) -> PostError:
+    """What msgspec says of a file whose keys or values are wrong, as a message with the nearest key that there is.
+
+    `where` names the file, `known` are its keys, and `otherwise` is what to do where none of them is near.
+    """
+    what, _, place = message.partition(" - at `$")
+    unknown = re.search(r"unknown field `([^`]*)`", what)
+    near = get_close_matches(unknown[1], list(known), n=1) if unknown else []
+    return PostError(
+        f"{where}: {place.rstrip('`').lstrip('.')}" if place else where,
+        f"unknown key {unknown[1]!r}" if unknown else what,
+        expected,
+        f"Did you mean {near[0]!r}?" if near else otherwise,
+    )

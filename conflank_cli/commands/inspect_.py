@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
+
 import click
 
 from conflank_cli import completion, options
@@ -13,14 +15,22 @@ from conflank_cli.options import Talk
 @options.as_json
 @options.common
 def inspect(source: str, as_json: bool, talk: Talk) -> None:
-    """List the faces of a CAD part, or what an artifact holds.
+    """List the faces of a CAD part, or what an artifact or a verification holds.
 
-    FILE is a part (.step .stp .igs .iges .brep .json) or a file that detect, optimize or select wrote.
+    FILE is a part (.step .stp .igs .iges .brep .json), or a file that detect, optimize, select or verify wrote.
     """
-    from conflank_cli.commands.listing import list_artifact, list_part
+    from conflank_cli.commands.listing import list_artifact, list_part, list_verification
+    from conflank_cli.errors import InputError
     from conflank_cli.output import STANDARD
 
-    if source == STANDARD or source.endswith(".npz"):
+    del talk
+    kind = PurePath(source).suffix.lower()
+    if source == STANDARD or kind in completion.ARTIFACT:
         click.echo(list_artifact(source, as_json), nl=False)
+    elif source.lower().endswith(completion.JUDGEMENT):
+        click.echo(list_verification(source, as_json), nl=False)
+    elif kind in (*completion.JOB, *completion.PROGRAM, *completion.PICTURE, ".html"):
+        known = f"a part ({' '.join(completion.PART)}), an artifact (.npz) or a verification (.verification.json)"
+        raise InputError(source, f"suffix {kind!r}", known, "Programs are for conflank verify, jobs for conflank run.")
     else:
         click.echo(list_part(source, as_json), nl=False)

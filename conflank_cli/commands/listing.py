@@ -10,8 +10,10 @@ import msgspec
 
 from conflank_cli.artifacts.npz import decode_contents, document_text, read_source
 from conflank_cli.commands.plan_map import summary_tables
-from conflank_cli.commands.tables import cell_text, text_table
+from conflank_cli.commands.tables import cell_text, judgement, text_table
+from conflank_cli.errors import InputError
 from conflank_cli.sweep import Sweep
+from conflank_cli.verification.result import from_json
 
 if TYPE_CHECKING:
     from conflank_cli.cad.inspection import FaceReport
@@ -100,6 +102,18 @@ def _terms(sweeps: Sequence[Sweep]) -> str:
     ]
     names = (name.removeprefix("term_").removesuffix("_start") for name in starts)
     return text_table(["sweep", *names], rows, "terms of the functional as mean squares, before and after")
+
+
+def list_verification(source: str, as_json: bool) -> str:
+    """What a program cuts, as conflank verify found it, as tables or as it is."""
+    where, data = read_source(source)
+    try:
+        found = from_json(data)
+    except msgspec.DecodeError as error:
+        raise InputError(
+            where, f"no verification ({error})", "what conflank verify writes", "Verify the program again."
+        ) from None
+    return found.to_json().decode() if as_json else judgement(found) + "\n"
 
 
 def list_part(source: str, as_json: bool) -> str:

@@ -19,7 +19,7 @@ from conflank_cli.verification.program import (
     Vector,
     number,
 )
-from conflank_cli.verification.words import INCH
+from conflank_cli.verification.words import INCH, lines_of
 
 _HARMLESS = (
     "PARTNO PPRINT MACHIN CUTTER SPINDL COOLNT INTOL OUTTOL TOLER NOPOST CLPRNT REMARK LEADER SEQNO STOP OPSTOP DELAY "
@@ -33,7 +33,7 @@ def split_statements(text: str) -> list[Block]:
     """Statements by the line they begin in; ``$`` continues a line, ``$$`` begins a comment."""
     blocks: list[Block] = []
     pending, begun = "", 0
-    for line_number, line in enumerate(text.lstrip("\ufeff").splitlines(), start=1):
+    for line_number, line in enumerate(lines_of(text), start=1):
         content, mark, comment = line.strip("\x00\x1a").partition("$$")
         content = content.strip()
         begun = begun if pending else line_number

@@ -21,7 +21,7 @@ from conflank_cli.verification.program import (
     Recorder,
     number,
 )
-from conflank_cli.verification.words import INCH, PLAIN, plain_words, rotary_letters, split_words
+from conflank_cli.verification.words import INCH, PLAIN, lines_of, plain_words, rotary_letters, split_words
 
 Called = Callable[[str], str | None]
 """From the name of a file to its text; None where there is none."""
@@ -41,7 +41,7 @@ def split_blocks(text: str) -> list[Block]:
     """Lines to blocks: numbers, skip marks, comments and continuation lines (``~``) taken apart."""
     blocks: list[Block] = []
     continued = False
-    for line_number, line in enumerate(text.lstrip("\ufeff").splitlines(), start=1):
+    for line_number, line in enumerate(lines_of(text), start=1):
         content = line.strip().strip("\x00\x1a\x03").strip()
         if not content:
             continue

@@ -12,7 +12,7 @@ import re
 
 from conflank_cli.verification.control import Block, Control, Flow, Jump
 from conflank_cli.verification.program import NUMBER, HeaderReader, Program, Recorder, number
-from conflank_cli.verification.words import INCH, PLAIN, plain_words, rotary_letters, split_words
+from conflank_cli.verification.words import INCH, PLAIN, lines_of, plain_words, rotary_letters, split_words
 
 _LINE = re.compile(r"(/?)\s*(?:N(\d+))?\s*(/?)\s*(.*)")
 _PLAIN = re.compile(rf"(?:G0?([01])\s*)?{PLAIN}(?:F\s*([\d.,]+)\s*)?")
@@ -37,7 +37,7 @@ _FRAMES = {28: "mirroring", 72: "scaling", 73: "rotation", 80: "tilted plane"}
 def split_iso_blocks(text: str) -> list[Block]:
     """Lines to blocks: numbers, skip marks, comments and the mark of the end taken apart."""
     blocks: list[Block] = []
-    for line_number, line in enumerate(text.lstrip("\ufeff").splitlines(), start=1):
+    for line_number, line in enumerate(lines_of(text), start=1):
         content = line.strip().strip("\x00\x1a\x03").strip()
         if not content:
             continue

@@ -33,6 +33,17 @@ PLAIN += rf"(?:TX\s*{_VALUE}\s*TY\s*{_VALUE}\s*TZ\s*{_VALUE}\s*)?"
 _USED = re.compile(r"(?<![A-Z])I?([ABC])\s*[+-]?(?:[\d.,]|Q)")
 
 
+def lines_of(text: str) -> list[str]:
+    """The lines of a program, without a mark of the byte order.
+
+    Bytes that are no UTF-8, which come as lone surrogates (the text keeps its hash so), are letters of Latin-1 here: an
+    old editor's umlaut in a comment may be quoted in a finding.
+    """
+    if not text.isascii() and any("\ud800" <= letter <= "\udfff" for letter in text):
+        text = text.encode("utf-8", "surrogateescape").decode("latin-1")
+    return text.lstrip("\ufeff").splitlines()
+
+
 @dataclass(frozen=True, slots=True)
 class Words:
     """The words of a motion block, angles in radians, lengths as programmed; None stands for a value not known."""

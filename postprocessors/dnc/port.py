@@ -167,7 +167,8 @@ def open_device(profile: Profile, port: str) -> Any:
             device.exclusive = True
         device.open()
     except (OSError, ValueError, serial.SerialException) as error:
-        words = " ".join(str(error).split())
+        code = getattr(error, "errno", None)
+        words = os.strerror(code) if code else " ".join(str(error).split())
         expected = "a port that opens with the profile's settings"
         raise DeviceError(port, words, expected, "conflank dnc ports lists what there is.") from error
     except Exception as error:

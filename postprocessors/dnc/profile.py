@@ -9,7 +9,7 @@ import msgspec
 
 from postprocessors.dnc.wire import DC1, DC3, Characters
 from postprocessors.errors import PostError
-from postprocessors.shipped import read_shipped, shipped_names
+from postprocessors.shipped import read_shipped, schema_error, shipped_names
 
 MOST_RETRIES = 15
 """After as many NAKs the control itself gives up."""
@@ -191,9 +191,8 @@ def parse_profile(content: str, where: str, changes: dict[str, str] | None = Non
             values[key] = _value(value)
         profile = msgspec.convert(values, Profile)
     except msgspec.ValidationError as error:
-        what, _, place = str(error).partition(" - at `$")
-        where = f"{where}: {place.rstrip('`').lstrip('.')}" if place else where
-        raise PostError(where, what, "the keys of a profile", "Compare with docs/dnc.md.") from error
+        known = Profile.__struct_fields__
+        raise schema_error(str(error), where, known, "the keys of a profile", "Compare with docs/dnc.md.") from error
     except msgspec.DecodeError as error:
         raise PostError(where, str(error), "TOML", "Correct the syntax of the file.") from error
     _check(profile, where)

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from postprocessors.errors import PostError
-from postprocessors.shipped import read_shipped, shipped_names
+from postprocessors.shipped import read_shipped, schema_error, shipped_names
 
 Vector = tuple[float, float, float]
 MOST_DEGREES = 36000.0
@@ -219,9 +219,8 @@ def parse_machine(content: str, where: str) -> Machine:
     try:
         machine = msgspec.toml.decode(content, type=Machine)
     except msgspec.ValidationError as error:
-        what, _, place = str(error).partition(" - at `$")
-        where = f"{where}: {place.rstrip('`').lstrip('.')}" if place else where
-        raise PostError(where, what, "the keys of a machine file", "See docs/machines.md.") from error
+        known = [key for table in (Machine, LinearAxes, Linear, Rotary) for key in table.__struct_fields__]
+        raise schema_error(str(error), where, known, "the keys of a machine file", "See docs/machines.md.") from error
     _check(machine, where)
     return machine
 

@@ -5,7 +5,6 @@ import json
 import os
 import random
 import re
-import shlex
 import signal
 import socket
 import subprocess
@@ -20,7 +19,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from conflank_cli.cli import cli
-from conflank_cli.commands.dnc import dnc
 from postprocessors.dnc.simulated_control import Setup, SimulatedControl
 
 MAIN = [sys.executable, "-c", "from conflank_cli.cli import main; main()"]
@@ -460,7 +458,7 @@ def test_drip_states_the_feed_and_refuses_jumps(folder: Path) -> None:
 
 
 def test_ports_as_json() -> None:
-    assert isinstance(json.loads(invoke("ports", "--json").stdout), list)
+    assert isinstance(json.loads(invoke("ports", "--json").stdout)["ports"], list)
 
 
 def test_check_compares_with_the_machine_parameters() -> None:
@@ -499,35 +497,3 @@ def test_bad_calls(folder: Path, arguments: list[str], code: int, word: str) -> 
     assert result.exit_code == code, result.stderr
     assert word in result.stderr
     assert "Traceback" not in result.stderr
-
-
-@pytest.mark.parametrize("command", dnc.commands)
-def test_help_is_as_agreed(command: str) -> None:
-    """Snapshots: after a change on purpose, write them anew with CONFLANK_SNAPSHOTS=write."""
-    result = invoke(command, "--help")
-    snapshot = HELP / f"dnc-{command}.txt"
-    if os.environ.get("CONFLANK_SNAPSHOTS") == "write":
-        snapshot.write_text(result.output, "utf-8")
-    assert result.output == snapshot.read_text("utf-8")
-
-
-def example(command: str) -> list[str]:
-    found = re.search(r"Example:\n\s+conflank dnc (.*)\n\Z", invoke(command, "--help").output)
-    assert found
-    return shlex.split(found[1])
-
-
-@pytest.mark.parametrize("command", ["send", "serve", "drip", "ports", "check"])
-def test_the_examples_of_the_help_texts_run(folder: Path, command: str) -> None:
-    result = invoke(*example(command))
-    assert result.exit_code == 0, result.stderr
-
-
-def test_the_examples_of_simulate_and_receive_run_together(folder: Path) -> None:
-    with subprocess.Popen([*MAIN, "dnc", *example("simulate")], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        result = invoke(*example("receive"))
-        assert process.wait(timeout=10) == 0
-    assert result.exit_code == 0, result.stderr
-    assert (folder / "COPY.H").read_bytes() == (folder / "BLADE1.H").read_bytes()
