@@ -44,7 +44,7 @@ class Browser:
     messages: everything that the page wrote to its console or that went wrong in it.
     """
 
-    def __init__(self, width: int = 1400, height: int = 1000, timeout: float = 120.0) -> None:
+    def __init__(self, width: int = 1400, height: int = 1000, timeout: float = 120.0, webgl: bool = True) -> None:
         program = browser_program()
         assert program is not None
         self.messages: list[str] = []
@@ -55,7 +55,13 @@ class Browser:
         self._read, from_browser = os.pipe()
         # The browser reads commands from descriptor 3 and answers on 4.
         command = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
-        flags = (*FLAGS, f"--user-data-dir={self._profile}", f"--window-size={width},{height}", "about:blank")
+        flags = (
+            *FLAGS,
+            *(() if webgl else ("--disable-3d-apis",)),
+            f"--user-data-dir={self._profile}",
+            f"--window-size={width},{height}",
+            "about:blank",
+        )
         self._process = subprocess.Popen(
             ["bash", "-c", command, program, *flags],
             pass_fds=(to_browser, from_browser),
@@ -85,6 +91,24 @@ class Browser:
         os.close(self._write)
         os.close(self._read)
         shutil.rmtree(self._profile, ignore_errors=True)
+
+    def processor_seconds(self) -> float:
+        """Processor time that the browser's processes have taken so far, s; 0 where the system does not tell."""
+        waiting, total = [self._process.pid], 0.0
+        parents: dict[int, list[int]] = {}
+        times: dict[int, float] = {}
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = path.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            parents.setdefault(int(fields[1]), []).append(int(path.parent.name))
+            times[int(path.parent.name)] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        while waiting:
+            process = waiting.pop()
+            total += times.get(process, 0.0)
+            waiting += parents.get(process, [])
+        return total
 
     def call(self, method: str, **parameters: Any) -> Any:
         """Send a command and wait for its answer."""

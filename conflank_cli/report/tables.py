@@ -152,8 +152,11 @@ def _stage(scene: Scene, modes: Mapping[str, str], left: Mapping[Reason, float])
     return (
         '<div class="stage"><canvas id="view" tabindex="0" role="img" '
         'aria-label="The part with the swept gap, the cuts and the cutter; arrow keys turn it, + and - zoom"></canvas>'
-        '<p id="no-view" hidden>This browser draws no WebGL: tables and charts are below.</p>'
+        '<canvas id="still" role="img" aria-label="Each face as the program leaves it" hidden></canvas>'
+        '<p id="no-view" hidden>This browser has no WebGL, so nothing can be turned or moved here: a still picture of '
+        "each face, seen from the cutter. Slider, tables and charts work.</p>"
         '<p id="failure" hidden></p>'
+        "<noscript><p>Pictures and charts of this page need JavaScript. The tables below do not.</p></noscript>"
         f'<div class="looks">{looks}</div>{"".join(legends)}<output id="under"></output></div>\n'
     )
 

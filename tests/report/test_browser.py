@@ -98,6 +98,43 @@ if HERE:
         browser.run("conflank.pause()")
 
     @pytest.mark.slow
+    def test_without_webgl_there_are_still_pictures_and_words(page: Path) -> None:
+        with Browser(webgl=False) as still:
+            still.open(page)
+            still.settle()
+            assert not still.run("conflank.moves()")
+            assert "no WebGL" in still.run("document.body.innerText")
+            assert still.run("document.querySelector('#view').offsetHeight") == 0
+            # Something is drawn, and it is another picture in another colouring.
+            drawn = "document.querySelector('#still').toDataURL()"
+            first = still.run(drawn)
+            still.run("document.querySelector('#mode').value = 'cut'")
+            still.run("document.querySelector('#mode').dispatchEvent(new Event('change'))")
+            still.settle()
+            assert len(first) > 5000 and still.run(drawn) != first
+            still.run("document.querySelector('#pose').value = 1")
+            still.run("document.querySelector('#pose').dispatchEvent(new Event('input'))")
+            assert still.run("conflank.index()") == 1
+            assert still.messages == []
+
+    @pytest.mark.slow
+    def test_the_cutter_alone_is_drawn_while_it_moves_and_all_at_rest(browser: Browser) -> None:
+        """What is kept of the rest does not show: at rest the picture is that of the same pose reached otherwise."""
+        rest = "new Promise((done) => setTimeout(() => requestAnimationFrame(done), 600))"
+        browser.run("conflank.seek(0)")
+        browser.run(rest)
+        first = browser.picture()
+        browser.run("conflank.seek(conflank.count - 1)")
+        browser.settle()
+        assert browser.picture() != first
+        browser.run("conflank.seek(0)")
+        browser.run(rest)
+        assert browser.picture() == first
+        count = browser.run("conflank.pictures()")
+        browser.run(rest)
+        assert browser.run("conflank.pictures()") == count
+
+    @pytest.mark.slow
     def test_it_is_dark_where_that_is_preferred(browser: Browser) -> None:
         paper = "getComputedStyle(document.body).backgroundColor"
         browser.scheme("light")

@@ -63,6 +63,8 @@ export class Charts {
       canvas.setAttribute("aria-label", `${entry.title} over time; ${this.words(entry)}`);
       const cursor = document.createElement("div");
       cursor.className = "cursor";
+      cursor.style.left = `${PAD.left}px`;
+      cursor.style.right = `${PAD.right}px`;
       box.append(canvas, cursor);
       figure.append(caption, box);
       holder.append(figure);
@@ -174,9 +176,8 @@ export class Charts {
   }
 
   at(time) {
-    const share = time / this.span();
-    for (const { cursor } of this.charts) {
-      cursor.style.left = `calc(${PAD.left}px + (100% - ${PAD.left + PAD.right}px) * ${share})`;
-    }
+    // Moved as a whole, as wide as the chart: nothing is laid out anew then.
+    const share = (100 * time) / this.span();
+    for (const { cursor } of this.charts) cursor.style.transform = `translateX(${share}%)`;
   }
 }

@@ -3,6 +3,7 @@
 import { Charts } from "./charts.js";
 import { readReport } from "./data.js";
 import { Motion } from "./motion.js";
+import { Picture } from "./picture.js";
 import { View } from "./scene.js";
 
 const find = (selector) => document.querySelector(selector);
@@ -12,12 +13,17 @@ function wire(report, arrays) {
   const motion = new Motion(report, arrays);
   const canvas = find("#view");
   let view = null;
+  let picture = null;
   try {
     view = new View(canvas, report, arrays, motion);
-  } catch (error) {
-    // Without WebGL there are still the tables and charts.
-    find("#no-view").hidden = false;
+  } catch {
+    // Without WebGL there are still pictures, tables and charts. A canvas that was asked for WebGL gives nothing else.
+    const still = find("#still");
     canvas.hidden = true;
+    still.hidden = find("#no-view").hidden = false;
+    find(".looks").hidden = true;
+    all("#rest, aside [data-layer], [data-layer^='ruled:'], [data-all='ruled']").forEach((each) => { each.disabled = true; });
+    picture = new Picture(still, report, arrays, motion);
   }
   const state = { index: 0, time: 0, playing: false, mode: "gap", rendered: 0, firstPicture: NaN };
   const slider = find("#pose");
@@ -35,6 +41,9 @@ function wire(report, arrays) {
     return cut < 0 ? "between cuts" : report.cuts[cut].label;
   }
 
+  const rows = all("tr[data-cut]");
+  let told = null; // the cut whose row stands out
+
   function tell() {
     const pose = motion.pose(state.index);
     slider.value = String(state.index);
@@ -42,7 +51,9 @@ function wire(report, arrays) {
     find("#block").textContent = lines.get(pose.block) ?? `block ${pose.block}`;
     find("#now").textContent = `${state.time.toFixed(2)} s of ${motion.duration.toFixed(1)} s · ${cutName(pose.cut)}`;
     charts.at(state.time);
-    all("tr[data-cut]").forEach((row) => row.classList.toggle("current", Number(row.dataset.cut) === pose.cut));
+    if (pose.cut === told) return;
+    told = pose.cut;
+    rows.forEach((row) => row.classList.toggle("current", Number(row.dataset.cut) === pose.cut));
   }
 
   function seek(index) {
@@ -78,7 +89,7 @@ function wire(report, arrays) {
       }
     }
     if (repaint) paint();
-    if (view?.render()) {
+    if (view?.render(now)) {
       state.rendered += 1;
       if (state.rendered === 1) state.firstPicture = performance.now();
     }
@@ -97,6 +108,7 @@ function wire(report, arrays) {
   function paint() {
     repaint = false;
     view?.paint(state.mode, shownCuts(), find("[data-layer='uncovered']").checked);
+    picture?.paint(state.mode, shownCuts());
     all("[data-legend]").forEach((legend) => { legend.hidden = legend.dataset.legend !== state.mode; });
     const reach = report.reach.find(({ key }) => key === state.mode);
     if (reach) {
@@ -151,7 +163,7 @@ function wire(report, arrays) {
       const face = report.cuts.find((cut) => cut.first === Number(button.dataset.seek))?.face;
       const index = report.faces.findIndex(({ number }) => number === face);
       if (index >= 0) view?.look(index);
-      canvas.scrollIntoView({ block: "nearest" });
+      find(".stage").scrollIntoView({ block: "nearest" });
     }),
   );
   all("[data-place]").forEach((button) =>
@@ -163,7 +175,7 @@ function wire(report, arrays) {
       apply(find("[data-layer='places']"));
       view?.goTo(place);
       all("[data-place]").forEach((each) => each.toggleAttribute("aria-current", each === button));
-      canvas.scrollIntoView({ block: "nearest" });
+      find(".stage").scrollIntoView({ block: "nearest" });
     }),
   );
   if (view) {
@@ -189,6 +201,7 @@ function wire(report, arrays) {
   }
 
   function theme() {
+    picture?.draw();
     view?.background(getComputedStyle(document.documentElement).getPropertyValue("--stage").trim());
     charts.draw();
   }
@@ -220,7 +233,8 @@ function wire(report, arrays) {
       box.dispatchEvent(new Event("change"));
     },
     visible: (layer) => view?.layers.get(layer)?.visible ?? null,
-    colours: (face) => Array.from(view.faces[face].pixels),
+    colours: (face) => Array.from((view ?? picture).faces[face].pixels),
+    moves: () => view !== null,
     pictures: () => state.rendered,
     firstPicture: () => state.firstPicture,
   };

@@ -6,6 +6,8 @@ import { Face, gapScale } from "./faces.js";
 
 const STEEL = { flute: 0xe9c46a, shank: 0xb9bcc2, holder: 0x8a8f98 };
 const TURN = Math.PI / 36; // of the view at a press of an arrow key
+const MOVING = 1; // the layer of what is drawn over the kept picture
+const SETTLED = 200; // ms after the last move until the picture is made smooth
 
 function vector(values, k = 0) {
   return new THREE.Vector3(values[k], values[k + 1], values[k + 2]);
@@ -16,7 +18,11 @@ export class View {
     this.report = report;
     this.motion = motion;
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    // Edges are smooth as soon as nothing moves: see render().
+    const settings = { alpha: true, antialias: false, powerPreference: "high-performance" };
+    const context = canvas.getContext("webgl2", settings);
+    if (!context) throw new Error("no WebGL");
+    this.renderer = new THREE.WebGLRenderer({ canvas, context, ...settings });
     this.scene = new THREE.Scene();
     this.layers = new Map();
     this.faces = report.faces.map((entry) => new Face(entry, arrays, report));
@@ -30,7 +36,11 @@ export class View {
     this.addPlaces();
     this.addLights();
     this.addCamera();
-    this.dirty = true;
+    this.kept = new Kept();
+    this.dirty = true; // something else than the cutter has changed
+    this.moved = false; // the cutter has
+    this.smooth = false; // the picture on the screen has smooth edges
+    this.drawnAt = 0;
   }
 
   layer(name) {
@@ -118,6 +128,7 @@ export class View {
         });
         const mesh = new THREE.Mesh(geometry, material);
         mesh.userData.kind = part.kind;
+        mesh.layers.set(MOVING);
         group.add(mesh);
       }
       group.visible = false;
@@ -141,6 +152,7 @@ export class View {
       });
       const mark = new THREE.Mesh(new THREE.SphereGeometry(size, 16, 12), material);
       mark.renderOrder = 10;
+      mark.layers.set(MOVING);
       mark.visible = Boolean(place.point);
       if (place.point) mark.position.set(...place.point);
       this.layer("places").add(mark);
@@ -159,12 +171,15 @@ export class View {
   }
 
   addLights() {
-    this.scene.add(new THREE.AmbientLight(0xffffff, 1.9));
+    const ambient = new THREE.AmbientLight(0xffffff, 1.9);
+    ambient.layers.enable(MOVING);
+    this.scene.add(ambient);
     // The light comes with the viewer, from the upper left and a little from the right.
     this.head = new THREE.Group();
     for (const [x, y, z, strength] of [[-0.5, 0.7, 1, 1.35], [1, 0.1, 0.6, 0.45]]) {
       const light = new THREE.DirectionalLight(0xffffff, strength);
       light.position.set(x, y, z);
+      light.layers.enable(MOVING);
       this.head.add(light, light.target);
     }
   }
@@ -245,7 +260,7 @@ export class View {
       cutter.position.set(...pose.tip);
       cutter.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...pose.axis));
     }
-    this.dirty = true;
+    this.moved = true;
   }
 
   // The face under the pointer and the place on its picture.
@@ -289,14 +304,83 @@ export class View {
   }
 
   background(colour) {
-    this.scene.background = new THREE.Color(colour);
+    this.renderer.setClearColor(colour);
     this.dirty = true;
   }
 
-  render() {
-    if (!this.dirty) return false;
-    this.dirty = false;
-    this.renderer.render(this.scene, this.camera);
+  // Draw if something has changed: everything, or the cutter alone over what was kept of the rest. Smooth edges take
+  // several times as long without a graphics card, so they wait until nothing has moved for a while.
+  render(now) {
+    const { renderer, scene, camera, kept } = this;
+    if (!this.dirty && !this.moved) {
+      if (this.smooth || now - this.drawnAt < SETTLED) return false;
+      camera.layers.enableAll();
+      kept.take(renderer, scene, camera);
+      kept.show(renderer);
+      kept.stale = this.smooth = true;
+      return true;
+    }
+    if (this.dirty) {
+      camera.layers.enableAll();
+      renderer.render(scene, camera);
+      kept.stale = true;
+    } else {
+      if (kept.stale) {
+        camera.layers.set(0);
+        kept.take(renderer, scene, camera);
+      }
+      kept.show(renderer);
+      camera.layers.set(MOVING);
+      renderer.autoClear = false;
+      renderer.render(scene, camera);
+      renderer.autoClear = true;
+    }
+    this.drawnAt = now;
+    this.dirty = this.moved = this.smooth = false;
     return true;
+  }
+}
+
+// A picture with smooth edges and its depths. Only the cutter moves along the program: over the picture of everything else
+// it is drawn in a small part of the time that all takes. What is see-through lies behind the cutter then; that is put
+// right as soon as the cutter rests.
+class Kept {
+  constructor() {
+    this.stale = true; // it no longer shows everything but the cutter
+    this.camera = new THREE.Camera();
+    const material = new THREE.ShaderMaterial({
+      uniforms: { picture: { value: null }, depths: { value: null } },
+      vertexShader: "varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
+      fragmentShader: `uniform sampler2D picture; uniform sampler2D depths; varying vec2 at;
+        void main() {
+          gl_FragColor = texture2D(picture, at);
+          gl_FragDepth = texture2D(depths, at).x;
+          #include <colorspace_fragment>
+        }`,
+      depthFunc: THREE.AlwaysDepth,
+    });
+    this.sheet = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), material);
+    this.sheet.frustumCulled = false;
+  }
+
+  take(renderer, scene, camera) {
+    const { x: width, y: height } = renderer.getDrawingBufferSize(new THREE.Vector2());
+    if (this.target?.width !== width || this.target?.height !== height) {
+      this.target?.depthTexture.dispose();
+      this.target?.dispose();
+      this.target = new THREE.WebGLRenderTarget(width, height, {
+        samples: 4, colorSpace: THREE.SRGBColorSpace, depthTexture: new THREE.DepthTexture(width, height, THREE.UnsignedIntType),
+      });
+      this.sheet.material.uniforms.picture.value = this.target.texture;
+      this.sheet.material.uniforms.depths.value = this.target.depthTexture;
+    }
+    renderer.setRenderTarget(this.target);
+    renderer.render(scene, camera);
+    renderer.setRenderTarget(null);
+    this.stale = false;
+  }
+
+  show(renderer) {
+    renderer.render(this.sheet, this.camera);
   }
 }
