@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: setup check test test-all bench samples demo report-script clean
+.PHONY: setup check test test-all bench first-user samples demo report-script clean
 
 setup: $(BIN)/conflank
 
@@ -35,6 +35,10 @@ bench: setup
 	$(BIN)/python -m benchmarks.posts
 	$(BIN)/python -m benchmarks.collision --json benchmarks/results/collision.json
 	$(BIN)/python -m benchmarks.dnc
+
+# The README in an empty folder, every command as it is printed: from nothing to a report, and its time.
+first-user: setup
+	$(BIN)/python -m benchmarks.first_user --json benchmarks/results/first_user.json
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
 # tour's commands print, among them the main job, then pictures and tables. Review the changes and commit them.
