@@ -178,6 +178,7 @@ def test_run_as_json_keeps_stdout_for_data(finished: Path, tmp_path: Path, monke
     result = invoke("run", "job.toml", "--out", str(tmp_path / "deep" / "out"), "--json", "--quiet")
     summary = json.loads(result.stdout)
     assert result.stderr == ""
+    assert set(summary) == documented_keys()["run"]
     assert sorted(Path(name).name for name in summary["files"]) == FILES
     assert summary["verification"]["program_sha256"]
     for name in FILES:
@@ -456,6 +457,83 @@ def test_the_examples_of_the_help_texts_run(tmp_path: Path, monkeypatch: pytest.
         result = invoke(*arguments)
         assert result.exit_code == 0, (arguments, result.stderr)
     assert (tmp_path / "BLADE1.H").read_bytes() == (tmp_path / "out" / "BLADE1.H").read_bytes()
+
+
+# --- figures as JSON ------------------------------------------------------------------------------------------------
+
+PROFILE = ("--profile", "itnc530-blockwise")
+PLAN, MOTIONS, CANDIDATES = ("out/plan.npz", "out/motions.npz", "out/candidates.npz")
+DOCUMENTS = {
+    # command as docs/file-formats.md calls it: (a call of it in the folder of a finished job, exit code)
+    "inspect PART": (["inspect", "blade.json"], 0),
+    "inspect ARTIFACT": (["inspect", PLAN], 0),
+    "reach": (["reach", "job.toml", "--points", "60"], 0),
+    "detect": (["detect", "job.toml", "-o", "{}/c.npz"], 0),
+    "optimize": (["optimize", CANDIDATES, "-o", "{}/m.npz"], 0),
+    "select": (["select", MOTIONS, "-o", "{}/p.npz"], 0),
+    "post": (["post", PLAN, "-o", "{}/P.H"], 0),
+    "verify": (["verify", "out/BLADE1.H", "--job", "job.toml", "-o", "{}/v.json"], 0),
+    "report": (["report", PLAN, "out/BLADE1.H", "-o", "{}/r.html"], 0),
+    "plot": (["plot", "lines", PLAN, "-o", "{}/l.svg"], 0),
+    "export": (["export", "poses", PLAN, "out/BLADE1.H", "-o", "{}/p.csv"], 0),
+    "machines": (["machines"], 0),
+    "machines check": (["machines", "check", "ac-table"], 0),
+    "dnc send": (["dnc", "send", "out/BLADE1.H", *PROFILE], 0),
+    "dnc drip": (["dnc", "drip", "out/BLADE1.H", *PROFILE], 0),
+    "dnc serve": (["dnc", "serve", "out", *PROFILE], 0),
+    "dnc ports": (["dnc", "ports"], 0),
+    "dnc check": (["dnc", "check", "--mp5020", "169"], 1),
+}
+
+
+def documented_keys() -> dict[str, set[str]]:
+    """The keys of each command's document, from the table in docs/file-formats.md."""
+    text = (Path(__file__).parent.parent / "docs" / "file-formats.md").read_text("utf-8")
+    section = text.partition("## Figures as JSON")[2].partition("## ")[0]
+    keys = {}
+    for commands, named in re.findall(r"^\| (`[^|]*) \| ([^|]*) \|", section, re.MULTILINE):
+        for command in re.findall(r"`([^`]+)`", commands):
+            keys[command] = set(re.findall(r"`([^`]+)`", named))
+    return keys
+
+
+@pytest.mark.parametrize("command", DOCUMENTS)
+def test_json_is_one_object_with_the_documented_keys(
+    command: str, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(finished)
+    arguments, code = DOCUMENTS[command]
+    result = invoke(*(each.format(tmp_path) for each in arguments), "--json", "--quiet")
+    assert (result.exit_code, result.stderr) == (code, "")
+    document = json.loads(result.stdout)
+    assert set(document) == documented_keys()[command]
+    # What it says was written is there, and nothing else.
+    if "files" in document:
+        assert sorted(document["files"]) == sorted(str(path) for path in tmp_path.iterdir())
+
+
+def test_every_command_with_json_is_documented(finished: Path) -> None:
+    described = {
+        command.partition(" ")[0] if command.startswith("inspect") else command for command in documented_keys()
+    }
+    every = {" ".join(words) for words in every_command()} - {"", "dnc", "completion"}
+    assert described == every
+    document = json.loads((finished / "out" / "BLADE1.H.verification.json").read_bytes())
+    shown = invoke("inspect", str(finished / "out" / "BLADE1.H.verification.json"), "--json")
+    assert json.loads(shown.stdout) == document
+
+
+def test_the_verification_is_in_the_document_where_both_go_to_stdout(
+    finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(finished)
+    result = invoke("verify", "--job", "job.toml", "--json", data=Path("out/BLADE1.H").read_bytes())
+    document = json.loads(result.stdout)
+    assert document["files"] == []
+    assert document["verification"]["program_sha256"]
+    result = invoke("post", PLAN, "--json")
+    assert result.exit_code == 2
+    assert_one_message(result.stderr, ["--json", "the program on standard output too", "-o"])
 
 
 def test_help_answers_at_once(tmp_path: Path) -> None:

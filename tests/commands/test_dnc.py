@@ -454,6 +454,35 @@ def test_drip_states_the_feed_and_refuses_jumps(folder: Path) -> None:
     assert result.exit_code == 3 and "line 4" in result.stderr
 
 
+# --- figures as JSON ------------------------------------------------------------------------------------------------
+
+
+def test_transfers_as_json(folder: Path) -> None:
+    """One document each, of both sides; the simulated control has to say where its port is before."""
+    size = (folder / "BLADE1.H").stat().st_size
+    (folder / "memory" / "BLADE2.H").write_bytes(text_of(24, "BLADE2"))
+    arguments = ["simulate", "load=BLADE1.H", "save=BLADE2.H", "--memory", "memory", "--json"]
+    settings = ["--profile", PROTOCOLS["blockwise"], *FAST]
+    with subprocess.Popen(
+        [*MAIN, "dnc", *arguments, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        port = process.stderr.readline().strip()
+        sent = json.loads(invoke("send", "BLADE1.H", "--send", "--port", port, *settings, "--json", "--quiet").stdout)
+        back = json.loads(
+            invoke("receive", "BLADE2", "-o", "COPY.H", "--port", port, *settings, "--json", "--quiet").stdout
+        )
+        done = json.loads(process.communicate(timeout=20)[0])
+    assert sent["sent"] and sent["bytes"] == sent["size_bytes"] == back["bytes"] == size
+    assert sent["blocks"] == back["blocks"] == 24
+    assert (back["files"], back["from"]) == (["COPY.H"], port)
+    assert done["port"] == port
+    assert [(each["action"], each["succeeded"]) for each in done["actions"]] == [
+        ("load=BLADE1.H", True),
+        ("save=BLADE2.H", True),
+    ]
+
+
 # --- ports, check, help ---------------------------------------------------------------------------------------------
 
 
