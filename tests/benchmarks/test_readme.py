@@ -1,7 +1,6 @@
 """The tables in README and docs are those that the committed results make."""
 
 import re
-import shlex
 
 import pytest
 
@@ -52,18 +51,6 @@ def test_the_tour_shows_every_command_with_the_right_exit_code() -> None:
     for command in COMMANDS:
         assert said[command.block]["typed"] == command.typed
         assert said[command.block]["code"] == command.code
-
-
-def test_commands_of_readme_exist() -> None:
-    """Every `conflank ...` line of README names a command that there is."""
-    from conflank_cli.cli import COMMANDS as known
-
-    text = (REPOSITORY / "README.md").read_text("utf-8")
-    lines = [line.strip() for line in text.splitlines() if line.startswith("    conflank ")]
-    assert lines
-    for part in (part for line in lines for part in line.split("|")):
-        words = shlex.split(part)
-        assert words[0] == "conflank" and words[1] in known
 
 
 def test_pictures_are_there_and_modest() -> None:
