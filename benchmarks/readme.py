@@ -242,7 +242,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "job": _job,
     **{
         f"tour-{block}": _tour(block)
-        for block in ("inspect", "run", "plan", "program", "verify", "thicker", "findings", "missing", "stages")
+        for block in ("inspect", "run", "plan", "program", "verify", "thicker", "findings", "send", "missing", "stages")
     },
 }
 

@@ -40,6 +40,7 @@ COMMANDS = (
     # The same program, for a cutter that is 20 µm larger in radius at r_max.
     Command("thicker", f"sed 's/R_MAX 3 /R_MAX 3.02 /' {PROGRAM} > out/THICKER.H"),
     Command("findings", f"conflank verify out/THICKER.H --job {JOB}", 1),
+    Command("send", f"conflank dnc send {PROGRAM} --profile itnc530-blockwise --port /dev/ttyUSB0"),
     Command("missing", "conflank inspect out/NO.npz", 3),
     Command(
         "stages",
