@@ -90,8 +90,7 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         _say_usage(error)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
-        click.echo("Interrupted: nothing was written.", err=True)
-        return EXIT_INTERRUPTED
+        return _interrupted()
     except (ConflankError, PostError) as error:
         if debug:
             traceback.print_exc()
@@ -108,6 +107,8 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_USAGE
     except Exception as error:
+        if _came_of_interrupt(error):
+            return _interrupted()
         if debug:
             traceback.print_exc()
         text = " ".join(str(error).split()) or "no further word"
@@ -119,6 +120,20 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         )
         return EXIT_NUMERICAL
     return code if isinstance(code, int) else EXIT_DONE
+
+
+def _interrupted() -> int:
+    click.echo("Interrupted: nothing was written.", err=True)
+    return EXIT_INTERRUPTED
+
+
+def _came_of_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: a module that is being loaded makes an ImportError of it."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _say_usage(error: click.ClickException) -> None:

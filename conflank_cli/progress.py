@@ -77,8 +77,16 @@ class BarProgress:
 def _make_bars() -> rich.progress.Progress:
     # rich costs a tenth of a second to import, and help needs no bars.
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
     from rich.text import Text
+
+    class Steps(ProgressColumn):
+        """Steps that are done of all, where it is known how many there are."""
+
+        def render(self, task: Task) -> Text:
+            total = round(task.total or 0)
+            done = f"{round(task.completed):>{len(str(total))}}/{total}" if total > 1 else ""
+            return Text(done, style="progress.download")
 
     class Times(ProgressColumn):
         """Time that has gone; before the end also the time left, once there is a rate to tell it from."""
@@ -88,7 +96,7 @@ def _make_bars() -> rich.progress.Progress:
             gone = _clock((task.finished_time if task.finished else task.elapsed) or 0.0)
             return Text(gone if left is None else f"{gone}, {_clock(left)} left", style="progress.remaining")
 
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), Times())
+    columns = (TextColumn("{task.description:<28}"), BarColumn(), Steps(), Times())
     return Progress(*columns, console=Console(stderr=True))
 
 

@@ -752,6 +752,20 @@ def test_an_error_of_the_programs_own_is_one_message(tmp_path: Path, monkeypatch
     assert_one_message(result.stderr, ["ZeroDivisionError: a b", "--debug"])
 
 
+def test_an_interrupt_while_a_module_is_loaded_is_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CAD kernel's loader says "initialization failed" then."""
+
+    def break_off(source: str) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    monkeypatch.setattr("conflank_cli.commands.inputs.read_job", break_off)
+    result = invoke("run", "job.toml")
+    assert (result.exit_code, result.stderr) == (130, "Interrupted: nothing was written.\n")
+
+
 def test_without_arguments_there_is_help_and_exit_2() -> None:
     result = invoke()
     assert result.exit_code == 2

@@ -28,6 +28,15 @@ def test_bars_tell_how_far_they_are_and_the_time_left(monkeypatch: pytest.Monkey
     assert "left" not in text.rsplit("4/4", 1)[1]
 
 
+def test_a_stage_of_one_step_runs_to_and_fro(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = io.StringIO()
+    terminal = Console(file=shown, force_terminal=True, width=100)
+    monkeypatch.setattr("rich.console.Console", lambda **options: terminal)
+    with BarProgress().stage("verify", 1):
+        time.sleep(0.15)
+    assert "verify" in shown.getvalue() and "/" not in shown.getvalue()
+
+
 def test_nobody_who_does_not_watch_gets_bars() -> None:
     assert isinstance(make_progress(quiet=True), SilentProgress)
     with make_progress(quiet=True).stage("detect", 3) as stage:
