@@ -118,13 +118,32 @@ def test_nothing_is_called_utils() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], ["run", "--help"], ["inspect", "--help"], ["dnc", "send", "--help"]]
+    "arguments",
+    [
+        ["--help"],
+        ["--version"],
+        ["run", "--help"],
+        ["inspect", "--help"],
+        ["dnc", "send", "--help"],
+        ["completion", "bash"],
+        ["machines", "check", "ac", "TAB"],
+        ["plot", "gap", "TAB"],
+        ["dnc", "send", "--profile", "itnc", "TAB"],
+    ],
+    ids=" ".join,
 )
 def test_help_loads_no_numerics(arguments: list[str]) -> None:
-    """Help within 0.2 s: what is slow to import must wait until it is needed."""
+    """Help within 0.2 s, and what is offered at TAB: what is slow to import must wait until it is needed."""
     program = (
-        "import sys\nfrom conflank_cli.cli import cli\n"
-        f"cli.main({arguments!r}, standalone_mode=False)\n"
+        "import os, sys\nfrom conflank_cli.cli import cli\n"
+        f"words = {arguments!r}\n"
+        "if words[-1] == 'TAB':\n"
+        "    os.environ |= {'_CONFLANK_COMPLETE': 'bash_complete', 'COMP_WORDS': ' '.join(['conflank', *words[:-1]])}\n"
+        "    os.environ['COMP_CWORD'] = str(len(words) - 1)\n"
+        "try:\n"
+        "    cli.main(words, standalone_mode=False)\n"
+        "except SystemExit:\n"
+        "    pass\n"
         "heavy = {'numpy', 'scipy', 'numba', 'OCP', 'matplotlib', 'rich', 'trimesh', 'msgspec'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )

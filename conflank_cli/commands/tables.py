@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from conflank_cli.verification.result import CutFigures, Place, Verification
@@ -22,19 +22,60 @@ if TYPE_CHECKING:
 # Where nobody looks at a terminal a table may be as wide as it likes.
 _WIDE = 1000
 
+# Characters between two columns, and on both sides of all.
+_BETWEEN, _EDGES = 3, 2
+
 
 def text_table(columns: Sequence[str], rows: Sequence[Sequence[object]], title: str = "") -> str:
-    """Rows under headings, as text; a heading that starts with "<" is for text, all others for numbers on the right."""
-    table = Table(box=SIMPLE_HEAD, title=title or None, title_justify="left", title_style="", pad_edge=False)
-    for column in columns:
-        table.add_column(column.removeprefix("<"), justify="left" if column.startswith("<") else "right")
-    for row in rows:
-        table.add_row(*(cell_text(cell) for cell in row))
+    """Rows under headings, as text; a heading that starts with "<" is for text, all others for numbers on the right.
+
+    Where the terminal is too narrow for all columns, those that are left follow as a table of their own with the first
+    column again: a figure that is cut short would be a wrong one.
+    """
+    cells = [[cell_text(cell) for cell in row] for row in rows]
     width = shutil.get_terminal_size().columns if sys.stderr.isatty() or sys.stdout.isatty() else _WIDE
-    buffer = io.StringIO()
-    # Markup off: a face called "[/b]" is a name, not a command.
-    Console(file=buffer, width=width, markup=False, emoji=False, highlight=False).print(table)
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines() if line.strip()) + "\n"
+    stacks = [[column.removeprefix("<"), *(row[k] for row in cells)] for k, column in enumerate(columns)]
+    full = [max(map(len, stack)) for stack in stacks]
+    # Words of headings and texts may stand one below the other, figures not.
+    least = [
+        max(
+            len(word)
+            for n, cell in enumerate(stack)
+            for word in (cell.split() if n == 0 or is_text else [cell]) or [""]
+        )
+        for stack, is_text in zip(stacks, (column.startswith("<") for column in columns), strict=True)
+    ]
+    parts = []
+    for group in _groups(least, width):
+        table = Table(box=SIMPLE_HEAD, title=title or None, title_justify="left", title_style="", pad_edge=False)
+        spare = width - _width(least[k] for k in group)
+        for k in group:
+            more = max(min(full[k] - least[k], spare), 0)
+            spare -= more
+            justify: JustifyMethod = "left" if columns[k].startswith("<") else "right"
+            table.add_column(stacks[k][0], justify=justify, width=least[k] + more)
+        for row in cells:
+            table.add_row(*(row[k] for k in group))
+        buffer = io.StringIO()
+        # Markup off: a face called "[/b]" is a name, not a command.
+        Console(file=buffer, width=width, markup=False, emoji=False, highlight=False).print(table)
+        parts.append("".join(f"{line.rstrip()}\n" for line in buffer.getvalue().splitlines() if line.strip()))
+    return "\n".join(parts)
+
+
+def _width(columns: Iterable[int]) -> int:
+    """Width of a table of columns of these widths."""
+    return sum(each + _BETWEEN for each in columns) - _BETWEEN + _EDGES
+
+
+def _groups(least: Sequence[int], width: int) -> list[list[int]]:
+    """Numbers of the columns of each table that fits; the first column leads them all."""
+    groups = [[0]]
+    for k in range(1, len(least)):
+        if len(groups[-1]) > 1 and _width(least[each] for each in (*groups[-1], k)) > width:
+            groups.append([0])
+        groups[-1].append(k)
+    return groups
 
 
 def cell_text(value: object) -> str:

@@ -60,7 +60,7 @@ class PostSummary:
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Facts by name, for people."""
-        yield "time", f"{self.seconds / 60.0:.2f} min predicted, without tool changes and ways above the safe plane"
+        yield "predicted", f"{self.seconds / 60.0:.2f} min, without tool changes and ways above the safe plane"
         yield (
             "deviation",
             f"{1000.0 * self.posting_mm:.1f} µm at most by posting; cycle 32 lets the control add"
