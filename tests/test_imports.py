@@ -32,6 +32,7 @@ LAYERS = {
     "conflank_cli.commands": 3,
     "conflank_cli.options": 3,
     "conflank_cli.cli": 4,
+    "conflank_cli.__main__": 4,
 }
 
 

@@ -307,3 +307,11 @@ def test_described_axes() -> None:
     read = read_program(program(body, head))
     assert axis_of(read.letters, read.moves.rotary)[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-12)
     assert "CF108" in codes(program([*body, "L A+1"], head))
+
+
+def test_letters_of_another_code_are_quoted_and_not_a_failure() -> None:
+    """A comment of an old editor in Latin-1 has bytes that are no UTF-8; the text with them keeps its hash."""
+    text = "0 BEGIN PGM X MM\r\n1 L X\u00c4 Y5\r\n2 END PGM X MM\r\n".encode("latin-1")
+    found = read_program(text.decode("utf-8", "surrogateescape")).findings
+    assert any("\u00c4" in finding.text for finding in found)
+    assert all(finding.text.encode("utf-8") for finding in found)

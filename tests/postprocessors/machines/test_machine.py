@@ -86,7 +86,7 @@ def test_a_file_loads_like_a_shipped_machine(tmp_path) -> None:
         ('retract = "M140"', 'retract = "M91"', "retract", "M91"),
         ("travel_mm = [-100.0, 500.0]", "travel_mm = [500.0, 500.0]", "linear.z.travel_mm", "500"),
         ("travel_mm = [-100.0, 500.0]", "travel_mm = [-inf, 500.0]", "linear.z.travel_mm", "inf"),
-        ("[linear.y]", "[linear.v]", "linear", "`v`"),
+        ("[linear.y]", "[linear.v]", "linear", "'v'"),
         ("max_jerk_mm_s3 = 60000.0", "max_jerk_mm_s3 = 0.0", "linear.x.max_jerk_mm_s3", "0.0"),
         ("max_acceleration_deg_s2 = 500.0", "", "rotary[1]", "max_acceleration_deg_s2"),
         ("range_deg = [-120.0, 30.0]", "range_deg = [-inf, 30.0]", "rotary A range_deg", "inf"),
