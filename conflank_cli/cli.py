@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import traceback
@@ -206,4 +207,8 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point of the command `conflank`."""
+    # A terminal that has no rule or µ shows a question mark for it.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     cli.main()

@@ -829,6 +829,19 @@ def test_a_reader_that_leaves_is_no_error_to_speak_of(finished: Path) -> None:
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_terminal_that_knows_few_letters(as_json: bool, finished: Path) -> None:
+    """Tables have rules and µ in them; JSON is UTF-8 whatever the terminal."""
+    command = [sys.executable, "-m", "conflank_cli", "inspect", "out/plan.npz", *(["--json"] if as_json else [])]
+    environment = ENVIRONMENT | {"PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run(command, cwd=finished, env=environment, capture_output=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, b"")
+    if as_json:
+        assert json.loads(done.stdout.decode("utf-8"))["schema"] == "conflank/plan"
+    else:
+        assert b"area mm\xb2" in done.stdout and b"????" in done.stdout
+
+
 def test_an_interrupt_is_clean(finished: Path, tmp_path: Path) -> None:
     write_job(tmp_path)
     os.mkfifo(tmp_path / "late.toml")

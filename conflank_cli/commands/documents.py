@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def print_document(content: Mapping[str, Any]) -> None:
-    """Print a document, indented, as the last thing that a command does."""
-    click.echo(msgspec.json.format(msgspec.json.encode(content)).decode())
+    """Print a document, indented and in UTF-8 on any terminal, as the last thing that a command does."""
+    click.echo(msgspec.json.format(msgspec.json.encode(content)))
 
 
 def refuse_both(as_json: bool, output: str, what: str) -> None:

@@ -26,11 +26,12 @@ def inspect(source: str, as_json: bool, talk: Talk) -> None:
     del talk
     kind = PurePath(source).suffix.lower()
     if source == STANDARD or kind in completion.ARTIFACT:
-        click.echo(list_artifact(source, as_json), nl=False)
+        text = list_artifact(source, as_json)
     elif source.lower().endswith(completion.JUDGEMENT):
-        click.echo(list_verification(source, as_json), nl=False)
+        text = list_verification(source, as_json)
     elif kind in (*completion.JOB, *completion.PROGRAM, *completion.PICTURE, ".html"):
         known = f"a part ({' '.join(completion.PART)}), an artifact (.npz) or a verification (.verification.json)"
         raise InputError(source, f"suffix {kind!r}", known, "Programs are for conflank verify, jobs for conflank run.")
     else:
-        click.echo(list_part(source, as_json), nl=False)
+        text = list_part(source, as_json)
+    click.echo(text.encode() if as_json else text, nl=False)

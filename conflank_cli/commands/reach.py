@@ -32,4 +32,4 @@ def reach(source: str, picture: str | None, points: int, as_json: bool, talk: Ta
     maps = reach_maps(read_scene(job, folder, talk), points, talk.progress)
     if picture is not None:
         write_output(draw(maps, picture), picture, inputs)
-    click.echo(as_document(maps) if as_json else as_table(maps), nl=False)
+    click.echo(as_document(maps).encode() if as_json else as_table(maps), nl=False)
