@@ -8,39 +8,21 @@ depends on the day or the machine but the times of the bench, which say so.
 from __future__ import annotations
 
 import importlib
-import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from benchmarks import history, paper_tables
+from benchmarks.tables import RESULTS, fixed, markdown, result
+
 REPOSITORY = Path(__file__).resolve().parent.parent
-RESULTS = REPOSITORY / "benchmarks" / "results"
-FILES = ("README.md", "docs/method.md", "docs/tour.md")
+FILES = ("README.md", "docs/method.md", "docs/tour.md", "docs/paper.md", "docs/history.md")
 SAMPLE = "BLISK1.H.verification.json"
 
 _BLOCK = re.compile(r"<!-- figures:(?P<name>[\w-]+) -->\n(?P<body>.*?)<!-- /figures:(?P=name) -->", re.DOTALL)
-
-
-def result(name: str) -> Any:
-    """A file of benchmarks/results."""
-    return json.loads((RESULTS / name).read_text(encoding="utf-8"))
-
-
-def markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table; headings that start with "<" are for text, all others for numbers on the right."""
-    names = [heading.removeprefix("<") for heading in headings]
-    rules = [":--" if heading.startswith("<") else "--:" for heading in headings]
-    lines = [names, rules, *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
-
-
-def fixed(value: float | None, digits: int) -> str:
-    """A number, or a dash for what is not known."""
-    # Minus nothing is nothing.
-    return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 # --- blocks ---------------------------------------------------------------------------------------------------------
@@ -240,6 +222,8 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "largest": largest_table,
     "constants": constants_table,
     "job": _job,
+    "history": history.markdown_table,
+    **paper_tables.BLOCKS,
     **{
         f"tour-{block}": _tour(block)
         for block in ("inspect", "run", "plan", "program", "verify", "thicker", "findings", "send", "missing", "stages")

@@ -55,7 +55,7 @@ def test_the_tour_shows_every_command_with_the_right_exit_code() -> None:
 
 def test_pictures_are_there_and_modest() -> None:
     shown = set()
-    for name in ("README.md", "docs/method.md", "docs/tour.md"):
+    for name in FILES:
         folder = (REPOSITORY / name).parent
         text = (REPOSITORY / name).read_text("utf-8")
         shown |= {(folder / place).resolve() for place in re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", text)}
