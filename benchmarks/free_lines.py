@@ -11,7 +11,7 @@ sweeps, and takes no notice of how poses follow each other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import cos, sin
 
 import msgspec
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
-from benchmarks.blind_search import SPHERES, BlindSearch, line_error, line_errors, score
+from benchmarks.blind_search import BlindSearch, line_error, line_errors, score
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace

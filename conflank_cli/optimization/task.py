@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import NODES, away_from, best_slide, lengthened, slid, steadiness
+from conflank_cli.geometry.growth import NODES, away_from, best_slide, clear_slide, lengthened, slid, steadiness
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -37,6 +37,9 @@ SCALE_FIRST, SCALE_LAST = 3.0, 0.8
 FINE_SPACING, FINE_FEWEST, FINE_MOST = 3.0, 26, 64
 # Factor on mu3 while settling: the soft modes have settled by then, and proximity would only slow what is left.
 SETTLE_PROXIMITY = 0.01
+# And where something is in the way: the axis then stays where it has been put along its contact. It is put there so
+# many times, since what it slides past changes as it settles.
+HELD_PROXIMITY, CLEARINGS = 100.0, 2
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
 # A sweep that keeps less than this share of its area when it is screened is tried again, slid along its axis by so
@@ -97,24 +100,29 @@ class Task:
         """A sweep of which the screen takes off much, slid along its axis as a whole so that it keeps more.
 
         None where it keeps nearly all, or no slide helps. A cone slides along its contact without leaving the face, at
-        first order, so slides are compared by what is left within tolerance, overcut elsewhere aside: settling takes
-        that back.
+        first order, so slides of the whole are compared by what is left within tolerance, overcut elsewhere aside:
+        settling takes that back. The best of them, settled, is then compared with the one that slides as far as it has
+        to from time to time.
         """
         motion, areas = solution.motion, self.samples.areas
-        served = float(areas[within(self.gaps(motion), self.limits)].sum())
-        if served > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
+
+        def served(trial: Motion) -> float:
+            return float(areas[within(self.gaps(trial), self.limits)].sum())
+
+        now = served(motion)
+        if now > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
             return None
         away = away_from(self.face, motion)
-        best, most = None, served
-        for distance in CLEARING:
-            moved = slid(motion, self.tool, np.full(NODES, distance), away)
-            area = float(areas[within(self.gaps(moved), self.limits)].sum())
-            if area > most:
-                best, most = moved, area
-        if best is None:
-            return None
-        settled = self._settled(best)
-        return settled if not settled.failed and self._steady(settled.motion) else None
+        moved = [slid(motion, self.tool, np.full(NODES, distance), away) for distance in CLEARING]
+        most = [served(trial) for trial in moved]
+        trials = [self._settled(moved[int(np.argmax(most))])] if max(most) > now else []
+        put = self.refitted(motion)
+        for _ in range(CLEARINGS):
+            trials.append(self._settled(self._cleared(put), HELD_PROXIMITY))
+            put = trials[-1].motion
+        sound = [trial for trial in trials if not trial.failed and self._steady(trial.motion)]
+        best = max(sound, key=lambda trial: served(trial.motion), default=None)
+        return best if best is not None and served(best.motion) > now else None
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
         """Finer knots and the polish on the swept gap.
@@ -122,7 +130,7 @@ class Task:
         candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
         envelope that the paper's functional slides off along the axis; the one that covers more is returned.
         """
-        settled = self._settled(self.refitted(solution.motion))
+        settled = self._settled_clear(self.refitted(solution.motion))
         if settled.failed:
             return solution
         best = settled
@@ -162,11 +170,11 @@ class Task:
         for _ in range(ROUNDS):
             before = best
             # Each move starts from what those before it have gained.
-            for move in (self._slid, self._continued_at_start, self._continued_at_end):
+            for move in (self._slid, self._out_of_the_way, self._continued_at_start, self._continued_at_end):
                 moved = move(best.solution)
                 if moved is None:
                     continue
-                trial = self._settled(moved)
+                trial = self._settled_clear(moved)
                 if trial.failed or not self._steady(trial.motion):
                     continue
                 if (grown := self._judged(trial)).area > WORTH * best.area:
@@ -246,16 +254,42 @@ class Task:
         slides = best_slide(motion, self.tool, self.samples, self.limits)
         return slid(motion, self.tool, slides, away_from(self.face, motion)) if slides.any() else None
 
+    def _out_of_the_way(self, solution: Solution) -> Motion | None:
+        return None if self._unhindered(solution.motion) else self._cleared(solution.motion)
+
     def _continued_at_start(self, solution: Solution) -> Motion | None:
         there = np.mean(solution.field.on[0] > 0.5) > STILL_ON_FACE
-        return lengthened(solution.motion, LENGTHEN, False) if there else None
+        return self._continued(solution.motion, False) if there else None
 
     def _continued_at_end(self, solution: Solution) -> Motion | None:
         there = np.mean(solution.field.on[-1] > 0.5) > STILL_ON_FACE
-        return lengthened(solution.motion, LENGTHEN, True) if there else None
+        return self._continued(solution.motion, True) if there else None
 
-    def _settled(self, motion: Motion) -> Solution:
-        weights = replace(self.weights, mu3=self.weights.mu3 * SETTLE_PROXIMITY)
+    def _continued(self, motion: Motion, at_end: bool) -> Motion:
+        longer = lengthened(motion, LENGTHEN, at_end)
+        return longer if self._unhindered(longer) else self._cleared(longer)
+
+    def _unhindered(self, motion: Motion) -> bool:
+        return self.screen.allowed(motion, self.tool) is motion
+
+    def _cleared(self, motion: Motion) -> Motion:
+        """The motion slid from time to time so that what is around the face is not in its way."""
+        away, around = away_from(self.face, motion), self.screen.around
+        slides = clear_slide(
+            motion, self.tool, self.samples, self.limits, away, lambda p, d: around.free(p, d, self.tool)
+        )
+        return slid(motion, self.tool, slides, away)
+
+    def _settled_clear(self, motion: Motion) -> Solution:
+        """The motion settled, and held along its contact where that keeps it clear of what is around."""
+        free = self._settled(motion)
+        if free.failed or self._unhindered(free.motion):
+            return free
+        held = self._settled(motion, HELD_PROXIMITY)
+        return held if not held.failed and self._served(held.motion)[0] > self._served(free.motion)[0] else free
+
+    def _settled(self, motion: Motion, proximity: float = SETTLE_PROXIMITY) -> Solution:
+        weights = replace(self.weights, mu3=self.weights.mu3 * proximity)
         return self.minimised(motion, (self.schedule()[-1],) * SETTLE_STEPS, weights)
 
     def schedule(self) -> tuple[Step, ...]:
