@@ -29,7 +29,7 @@ NODES, ABOUT = 5, 0.15
 INSET = 0.3
 # Past what is in the way the slide is found at times so far apart, mm of travel, but at so many at most, in steps of so
 # many mm; it stays a step away from what hits.
-APART, MOST_TIMES, CLEAR_STEP = 2.0, 41, 0.25
+APART, MOST_TIMES, CLEAR_STEP = 2.0, 41, 0.15
 # It changes by no more than this from time to time, as a share of the way in between, so that the cut stays steady; and
 # a change by a share x costs so many mm2 x² for each mm of way: less than a thousandth of what a flute covers there.
 STEEPEST, UNEVEN = 0.6, 1.0

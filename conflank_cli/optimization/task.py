@@ -65,11 +65,12 @@ STILL_ON_FACE = 0.08
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """A solution, the area in mm2 that it covers, and the mean |g| over that in mm."""
+    """A solution, the area in mm2 that it covers, the mean |g| over that in mm, and whether nothing is in its way."""
 
     solution: Solution
     area: float
     mean: float
+    clear: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +132,13 @@ class Task:
         envelope that the paper's functional slides off along the axis; the one that covers more is returned.
         """
         settled = self._settled_clear(self.refitted(solution.motion))
-        if settled.failed:
+        if settled is None:
             return solution
-        best = settled
+        best = settled.solution
         if self.polish:
             rough = self._polished(self.refitted(candidate), ROUGH_SCALES, self.points.thinned(ROUGH_POINTS))
             fine = None if rough is None else self._polished(rough, FINE_SCALES, self.points)
-            best = self._better(self._judged(settled), fine).solution
+            best = self._better(settled, fine).solution
         return self._ended(best, solution, candidate)
 
     def grown(self, solution: Solution, candidate: Motion) -> Solution:
@@ -167,20 +168,18 @@ class Task:
 
     def _grown(self, best: _Judged) -> _Judged:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
+        moves = (self._slid, self._out_of_the_way, self._continued_at_start, self._continued_at_end)
+        tried: dict[int, _Judged] = {}
         for _ in range(ROUNDS):
-            before = best
-            # Each move starts from what those before it have gained.
-            for move in (self._slid, self._out_of_the_way, self._continued_at_start, self._continued_at_end):
-                moved = move(best.solution)
-                if moved is None:
+            # Each move starts from what those before it have gained, and from nothing twice.
+            for k, move in enumerate(moves):
+                if tried.get(k) is best:
                     continue
-                trial = self._settled_clear(moved)
-                if trial.failed or not self._steady(trial.motion):
-                    continue
-                if (grown := self._judged(trial)).area > WORTH * best.area:
+                tried[k] = best
+                moved = move(best)
+                grown = None if moved is None else self._settled_clear(moved)
+                if grown is not None and grown.area > WORTH * best.area and self._steady(grown.solution.motion):
                     best = grown
-            if best is before:
-                break
         return best
 
     def _polished(self, motion: Motion, scales: tuple[float, ...], points: Points) -> Motion | None:
@@ -191,20 +190,22 @@ class Task:
         """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""
         if motion is None or not self._steady(motion):
             return best
-        area, mean = self._served(motion)
+        area, mean, clear = self._served(motion)
         more = area > (1.0 + ALIKE) * best.area
         finer = area > (1.0 - ALIKE) * best.area and mean < best.mean
-        return _Judged(self._with(best.solution, motion), area, mean) if more or finer else best
+        return _Judged(self._with(best.solution, motion), area, mean, clear) if more or finer else best
 
     def _judged(self, solution: Solution) -> _Judged:
         return _Judged(solution, *self._served(solution.motion))
 
-    def _served(self, motion: Motion) -> tuple[float, float]:
-        """Covered area in mm2, and the mean |g| over it in mm."""
-        gaps = self.gaps(motion)
+    def _served(self, motion: Motion) -> tuple[float, float, bool]:
+        """Covered area in mm2, the mean |g| over it in mm, and whether nothing is in the way of the motion."""
+        allowed = self.screen.allowed(motion, self.tool)
+        gaps = self._gaps(allowed)
         covered = self.covered(gaps)
         areas = self.samples.areas[covered]
-        return float(areas.sum()), float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
+        mean = float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
+        return float(areas.sum()), mean, allowed is motion
 
     def _flattened(self, best: _Judged) -> Solution:
         """The solution with the norm of its gap made small that the job asks for, unless that costs area."""
@@ -236,10 +237,10 @@ class Task:
 
     def gaps(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""
-        allowed = self.screen.allowed(motion, self.tool)
-        if allowed is None:
-            return np.full(len(self.samples.areas), np.inf)
-        return self.unscreened(allowed)
+        return self._gaps(self.screen.allowed(motion, self.tool))
+
+    def _gaps(self, allowed: Motion | None) -> Array:
+        return np.full(len(self.samples.areas), np.inf) if allowed is None else self.unscreened(allowed)
 
     def unscreened(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, whatever is in the way."""
@@ -249,28 +250,25 @@ class Task:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
         return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
 
-    def _slid(self, solution: Solution) -> Motion | None:
-        motion = solution.motion
+    def _slid(self, best: _Judged) -> Motion | None:
+        motion = best.solution.motion
         slides = best_slide(motion, self.tool, self.samples, self.limits)
         return slid(motion, self.tool, slides, away_from(self.face, motion)) if slides.any() else None
 
-    def _out_of_the_way(self, solution: Solution) -> Motion | None:
-        return None if self._unhindered(solution.motion) else self._cleared(solution.motion)
+    def _out_of_the_way(self, best: _Judged) -> Motion | None:
+        return None if best.clear else self._cleared(best.solution.motion)
 
-    def _continued_at_start(self, solution: Solution) -> Motion | None:
-        there = np.mean(solution.field.on[0] > 0.5) > STILL_ON_FACE
-        return self._continued(solution.motion, False) if there else None
+    def _continued_at_start(self, best: _Judged) -> Motion | None:
+        there = np.mean(best.solution.field.on[0] > 0.5) > STILL_ON_FACE
+        return self._continued(best.solution.motion, False) if there else None
 
-    def _continued_at_end(self, solution: Solution) -> Motion | None:
-        there = np.mean(solution.field.on[-1] > 0.5) > STILL_ON_FACE
-        return self._continued(solution.motion, True) if there else None
+    def _continued_at_end(self, best: _Judged) -> Motion | None:
+        there = np.mean(best.solution.field.on[-1] > 0.5) > STILL_ON_FACE
+        return self._continued(best.solution.motion, True) if there else None
 
     def _continued(self, motion: Motion, at_end: bool) -> Motion:
         longer = lengthened(motion, LENGTHEN, at_end)
-        return longer if self._unhindered(longer) else self._cleared(longer)
-
-    def _unhindered(self, motion: Motion) -> bool:
-        return self.screen.allowed(motion, self.tool) is motion
+        return longer if self.screen.allowed(longer, self.tool) is longer else self._cleared(longer)
 
     def _cleared(self, motion: Motion) -> Motion:
         """The motion slid from time to time so that what is around the face is not in its way."""
@@ -280,13 +278,20 @@ class Task:
         )
         return slid(motion, self.tool, slides, away)
 
-    def _settled_clear(self, motion: Motion) -> Solution:
-        """The motion settled, and held along its contact where that keeps it clear of what is around."""
-        free = self._settled(motion)
-        if free.failed or self._unhindered(free.motion):
+    def _settled_clear(self, motion: Motion) -> _Judged | None:
+        """The motion settled, held along its contact where something would be in its way and more is covered like that.
+
+        None where the solver failed.
+        """
+        settled = self._settled(motion)
+        if settled.failed:
+            return None
+        free = self._judged(settled)
+        if free.clear:
             return free
-        held = self._settled(motion, HELD_PROXIMITY)
-        return held if not held.failed and self._served(held.motion)[0] > self._served(free.motion)[0] else free
+        settled = self._settled(motion, HELD_PROXIMITY)
+        held = free if settled.failed else self._judged(settled)
+        return held if held.area > free.area else free
 
     def _settled(self, motion: Motion, proximity: float = SETTLE_PROXIMITY) -> Solution:
         weights = replace(self.weights, mu3=self.weights.mu3 * proximity)
