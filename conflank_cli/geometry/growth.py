@@ -33,6 +33,8 @@ APART, MOST_TIMES, CLEAR_STEP = 2.0, 41, 0.15
 # It changes by no more than this from time to time, as a share of the way in between, so that the cut stays steady; and
 # a change by a share x costs so many mm2 x² for each mm of way: less than a thousandth of what a flute covers there.
 STEEPEST, UNEVEN = 0.6, 1.0
+# What a millimetre of slide has to bring at each time at least, mm2: what brings nothing is left.
+NEEDLESS = 0.01
 # Times at which the steadiness of a motion is looked at.
 LOOKS = 121
 
@@ -95,7 +97,7 @@ def clear_slide(
         held = np.sort(height[near])
         total = np.concatenate([[0.0], np.cumsum(areas[near][np.argsort(height[near])])])
         worth[k] = total[np.searchsorted(held, slides + tool.length)] - total[np.searchsorted(held, slides)]
-    return np.asarray(slides[_best_way(np.where(able, worth, 0.0), way)])
+    return np.asarray(slides[_best_way(np.where(able, worth, 0.0) - NEEDLESS * np.abs(slides), way)])
 
 
 def _best_way(worth: Array, way: float) -> IntArray:
@@ -103,7 +105,6 @@ def _best_way(worth: Array, way: float) -> IntArray:
     columns = np.arange(worth.shape[1])
     change = CLEAR_STEP * (columns[:, None] - columns)
     cost = np.where(np.abs(change) <= STEEPEST * way, UNEVEN * change**2 / way, np.inf)
-    # Of equal ways the one that slides least: the table is symmetric about no slide but for its ends.
     best, came = worth[0].copy(), np.zeros(worth.shape, dtype=np.int64)
     for k in range(1, len(worth)):
         gain = best[None] - cost
