@@ -3,8 +3,8 @@
 Run with ``python -m benchmarks.selection`` (or ``make bench``), one part of it with ``--only faces``, ``time`` or
 ``refinement``. Faces are both sides of the sample blade between its neighbours with T1, and those of real blades with
 T1, T2 and T3 in the drawer (of the compressor wheel with everything around it). Plans are those of
-`conflank_cli.selection.select`: no collision, and a certificate for each sweep. Where one covers less than is asked for,
-it is held against what single poses can reach with nothing in the way (`benchmarks.free_lines`). Real blades are looked
+`conflank_cli.selection.select`: no collision, and a certificate for each sweep. One that covers less than is asked for
+is held against what single poses can reach with nothing in the way (`benchmarks.free_lines`). Real blades are looked
 for in ``../shared/parts`` beside the repository and left out where that folder is missing. Optimised candidates take
 most of the time; ``--keep DIR`` keeps them for another run.
 """
@@ -23,8 +23,8 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
-from benchmarks.detection import FLANKS, NO_MACHINE, Flank, load, scene
 from benchmarks.blind_search import LEAST_RUN
+from benchmarks.detection import FLANKS, NO_MACHINE, Flank, load, scene
 from benchmarks.envelopes import cylinder
 from benchmarks.free_lines import freely_reached
 from benchmarks.run import PARTS, REPOSITORY
@@ -171,8 +171,8 @@ def faces(console: Console, progress: Progress, folder: Path | None) -> tuple[li
         Verdict("exact choice worse than greedy, faces", "0", ", ".join(worse) or "0", not worse),
         Verdict("sweeps saved against greedy", "", f"{saved:.0f} on {len(rows)} faces", True),
         Verdict("fewest proven, faces", "", f"{proven} of {len(rows)}", True),
-        Verdict(f">= {100 * COVERAGE:g} % (or {100 * OF_REACHABLE:g} % of what can be reached) by <= {MOST_SWEEPS} sweeps"
-                f" ({MOST_SWEEPS_BLISK} on the sample blade)", f"{len(rows)} faces", ", ".join(many) or "all", not many),
+        Verdict(f">= {100 * COVERAGE:g} %, or {100 * OF_REACHABLE:g} % of the reachable, by <= {MOST_SWEEPS} sweeps"
+                f" ({MOST_SWEEPS_BLISK}: sample)", f"{len(rows)} faces", ", ".join(many) or "all", not many),
     ]  # fmt: skip
     return verdicts, {"rows": rows}
 
@@ -184,9 +184,9 @@ def reachable(scene: Scene, index: int) -> float:
     return float(samples.areas[freely_reached(scene, index, samples, LEAST_RUN)].sum() / samples.areas.sum())
 
 
-def _asked(reachable: float | None) -> float:
+def _asked(within_reach: float | None) -> float:
     """The coverage that is asked for where so much can be reached."""
-    return COVERAGE if reachable is None else min(COVERAGE, OF_REACHABLE * reachable)
+    return COVERAGE if within_reach is None else min(COVERAGE, OF_REACHABLE * within_reach)
 
 
 def hard_case() -> Case | None:
