@@ -7,6 +7,8 @@ tolerance then have to keep every limit of the exact `Collider`, and the machine
 reachable if one such pose touches it, and so is what is touched along with it. No sweep covers more than that, but for
 what a run shorter than asked for leaves behind: what can be reached is an upper bound for coverage by any number of
 sweeps, and takes no notice of how poses follow each other.
+
+What the ball can touch is asked in the same way, with directions spread over the half space above the face.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from benchmarks.blind_search import BlindSearch, line_error, line_errors, score
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
+from conflank_cli.passes.axes import directions
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 
@@ -92,6 +95,30 @@ def touched(points: Array, p: Array, d: Array, tool: Tool, tolerance: float) -> 
     return inside
 
 
+def _lenient(scene: Scene) -> tuple[Screen, Collider]:
+    """What is around, with a little more overcut than the job allows."""
+    tolerance = scene.job.tolerance
+    wider = msgspec.structs.replace(tolerance, overcut=tolerance.overcut + LENIENT)
+    around = replace(scene, job=msgspec.structs.replace(scene.job, tolerance=wider))
+    return Screen.of(around), Collider.of(around)
+
+
+def ball_reached(scene: Scene, samples: FaceSamples) -> BoolArray:
+    """Which samples (N,) of a face the ball of any tool of a scene can touch with nothing in the way."""
+    screen, collider = _lenient(scene)
+    aimed = samples.points + scene.job.tolerance.allowance * samples.normals
+    every = directions()
+    reached = np.zeros(len(samples.areas), dtype=np.bool_)
+    for tool in scene.tools:
+        for n in np.flatnonzero(~reached):
+            # Below its largest circle a ball goes over into the cone.
+            d = every[every @ samples.normals[n] >= sin(tool.half_angle)]
+            p = aimed[n] + tool.ball_radius * samples.normals[n] - tool.ball_centre_height * d
+            open_ = np.flatnonzero(screen.free(p, d, tool, parallel=True))
+            reached[n] = bool(len(open_)) and bool(collider.free(p[open_], d[open_], tool).any())
+    return reached
+
+
 def freely_reached(scene: Scene, index: int, samples: FaceSamples, least: int) -> BoolArray:
     """Which samples (N,) of a face of a scene single poses of any of its tools touch with nothing in the way.
 
@@ -99,9 +126,7 @@ def freely_reached(scene: Scene, index: int, samples: FaceSamples, least: int) -
     """
     tolerance = scene.job.tolerance
     limit = 0.5 * (tolerance.overcut + tolerance.undercut)
-    wider = msgspec.structs.replace(tolerance, overcut=tolerance.overcut + LENIENT)
-    around = replace(scene, job=msgspec.structs.replace(scene.job, tolerance=wider))
-    screen, collider = Screen.of(around), Collider.of(around)
+    screen, collider = _lenient(scene)
     contacts = np.array(CONTACTS, dtype=np.int64)
     found = np.empty((len(contacts), DIRECTIONS), dtype=np.bool_)
     poses = np.empty((*found.shape, 6))
