@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.blind_search import LEAST_RUN
 from benchmarks.detection import NO_MACHINE
-from benchmarks.free_lines import LENIENT, freely_reached, touched
+from benchmarks.free_lines import LENIENT, ball_reached, freely_reached, touched
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.job import Machine
 from conflank_cli.scene import Scene
@@ -42,6 +42,15 @@ def test_beside_a_wall_the_ball_decides() -> None:
     assert not reached[x < T1.ball_radius - overcut - chord].any()
     assert reached[x > T1.ball_radius + 0.3].all()
     assert reached.any() and not reached.all()
+
+
+def test_the_ball_touches_as_near_to_a_wall_as_its_radius() -> None:
+    samples = WorkFace.of(FACE, 0.0).samples(0.25)
+    row = np.flatnonzero(np.abs(samples.points[:, 1] - 10.0) < 0.13)
+    beside = some(samples, row[np.argsort(samples.points[row, 0])][:14])
+    scene = scene_of(FACE, tools=(T1,), check=WALL)
+    least = T1.ball_radius - scene.job.tolerance.overcut - LENIENT
+    assert np.array_equal(ball_reached(everywhere(scene), beside), beside.points[:, 0] > least)
 
 
 def test_a_pose_touches_along_its_generator() -> None:
