@@ -19,9 +19,10 @@ from math import cos, sin
 import msgspec
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import njit
 
 from benchmarks.blind_search import BlindSearch, line_error, line_errors, score
+from conflank_cli.cores import spread
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
@@ -42,7 +43,7 @@ LENIENT = 0.002
 BATCH = 8
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _lines_at(surface, sense, trim, x, n, uv, contacts, heights, radii, half_angle, least, tolerance, found, poses):  # type: ignore[no-untyped-def]
     """Poses within tolerance at one sample: found (H, DIRECTIONS) bool, poses (H, DIRECTIONS, 6) p and d."""
     t1 = np.array([0.0, n[2], -n[1]]) if abs(n[0]) < 0.6 else np.array([-n[2], 0.0, n[0]])
@@ -50,7 +51,7 @@ def _lines_at(surface, sense, trim, x, n, uv, contacts, heights, radii, half_ang
     t2 = np.array([n[1] * t1[2] - n[2] * t1[1], n[2] * t1[0] - n[0] * t1[2], n[0] * t1[1] - n[1] * t1[0]])
     directions = found.shape[1]
     spacing = heights[1] - heights[0]
-    for task in prange(contacts.shape[0] * directions):
+    for task in range(contacts.shape[0] * directions):
         k = task // directions
         m = task % directions
         contact = contacts[k]
@@ -77,6 +78,24 @@ def _lines_at(surface, sense, trim, x, n, uv, contacts, heights, radii, half_ang
                 break
             delta -= shift
             phi -= tilt / spacing
+
+
+def _fitting(search: BlindSearch, samples: FaceSamples, n: int, tolerance: float) -> tuple[Array, Array]:
+    """Poses (M, 3), (M, 3) that touch at one sample within tolerance, whatever is in the way."""
+    face, contacts = search.face, np.array(CONTACTS, dtype=np.int64)
+    trim = (search.trim.vertices, search.trim.starts, search.trim.table, search.trim.box)
+    found = np.empty((len(contacts), DIRECTIONS), dtype=np.bool_)
+    poses = np.empty((*found.shape, 6))
+
+    def run(part: slice) -> None:
+        _lines_at(
+            tuple(face.projector.spans), face.sense, trim, samples.points[n], samples.normals[n], samples.uv[n],
+            contacts[part], search.heights, search.radii, search.tool.half_angle, search.least, tolerance,
+            found[part], poses[part],
+        )  # fmt: skip
+
+    spread(run, len(contacts))
+    return np.ascontiguousarray(poses[found][:, :3]), np.ascontiguousarray(poses[found][:, 3:])
 
 
 def touched(points: Array, p: Array, d: Array, tool: Tool, tolerance: float) -> BoolArray:
@@ -127,25 +146,17 @@ def freely_reached(scene: Scene, index: int, samples: FaceSamples, least: int) -
     tolerance = scene.job.tolerance
     limit = 0.5 * (tolerance.overcut + tolerance.undercut)
     screen, collider = _lenient(scene)
-    contacts = np.array(CONTACTS, dtype=np.int64)
-    found = np.empty((len(contacts), DIRECTIONS), dtype=np.bool_)
-    poses = np.empty((*found.shape, 6))
     aimed = samples.points + tolerance.allowance * samples.normals
     reached = np.zeros(len(samples.areas), dtype=np.bool_)
-    # Samples far from each other first: what one pose touches along with its own need not be asked about.
+    # In no order, so far from each other at first: what one pose touches along with its own is not asked about.
     order = np.random.default_rng(1).permutation(len(samples.areas))
     for tool in scene.tools:
         face = WorkFace.under(scene.faces[index], tool)
         search = BlindSearch.of(face, tool, tolerance.allowance, least)
-        trim = (search.trim.vertices, search.trim.starts, search.trim.table, search.trim.box)
         for n in order:
             if reached[n]:
                 continue
-            _lines_at(
-                tuple(face.projector.spans), face.sense, trim, samples.points[n], samples.normals[n], samples.uv[n],
-                contacts, search.heights, search.radii, tool.half_angle, least, limit, found, poses,
-            )  # fmt: skip
-            p, d = np.ascontiguousarray(poses[found][:, :3]), np.ascontiguousarray(poses[found][:, 3:])
+            p, d = _fitting(search, samples, int(n), limit)
             open_ = np.flatnonzero(screen.free(p, d, tool, parallel=True)) if len(p) else np.zeros(0, dtype=np.int64)
             for k in range(0, len(open_), BATCH):
                 part = open_[k : k + BATCH]
