@@ -198,7 +198,7 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.task", "POLISH_PROXIMITY", "factor on μ₃ in the polish on the swept gap"),
     ("optimization.envelope_polish", "FAIR", "factor on μ₂ and μ₅ there"),
     ("optimization.envelope_polish", "STIFF", "factor on μ₄ there"),
-    ("selection.choice", "LEAST_GAIN", "share of the area that a sweep must add"),
+    ("selection.choice", "LEAST_GAIN", "share of what all sweeps cover that one must add"),
     ("posting.spacing", "CHORD_TOLERANCE", "mm between a block and the exact motion"),
     ("verification.sampling", "POINTS_PER_FACE", "points at which a face is judged"),
     ("verification.poses", "CELL_LENGTH", "mm, longest cell of the motion"),

@@ -1,7 +1,8 @@
-"""Growth: moves that let a sweep cover more: sliding the tool along its contact, going on at an end."""
+"""Growth: moves that let a sweep cover more: sliding along the contact, past obstacles too, and going on at an end."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import cos, sin, tan
 
@@ -15,6 +16,8 @@ from conflank_cli.motion import DEGREE, Motion, fitted
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 # The furthest slide looked at in one go, mm, and the step it is searched with.
 FURTHEST, STEP = 6.0, 0.1
@@ -24,6 +27,14 @@ WORTH = 1.003
 NODES, ABOUT = 5, 0.15
 # Where a range of slides is equally good, stay so far from its ends if it is wide enough, mm.
 INSET = 0.3
+# Past what is in the way the slide is found at times so far apart, mm of travel, but at so many at most, in steps of so
+# many mm; it stays a step away from what hits.
+APART, MOST_TIMES, CLEAR_STEP = 2.0, 41, 0.15
+# It changes by no more than this from time to time, as a share of the way in between, so that the cut stays steady; and
+# a change by a share x costs so many mm2 x² for each mm of way: less than a thousandth of what a flute covers there.
+STEEPEST, UNEVEN = 0.6, 1.0
+# What a millimetre of slide has to bring at each time at least, mm2: what brings nothing is left.
+NEEDLESS = 0.01
 # Times at which the steadiness of a motion is looked at.
 LOOKS = 121
 
@@ -36,6 +47,82 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
     touches it, and the flute is the window of length L over these heights that holds most of the area within tolerance.
     A window's worth is an estimate: what the prolonged cone touches is what the slid tool would, were sliding along the
     contact exact.
+    """
+    time, height, areas, low = _prolonged_contacts(motion, tool, samples, limits)
+    slides = np.arange(-low, FURTHEST + 0.5 * STEP, STEP)
+    found = np.zeros(NODES)
+    for node, t in enumerate(np.linspace(0.0, 1.0, NODES)):
+        near = np.abs(time - t) <= ABOUT
+        found[node] = _best_window(height[near], areas[near], tool.length, slides)
+    return found
+
+
+def clear_slide(
+    motion: Motion,
+    tool: Tool,
+    samples: FaceSamples,
+    limits: Limits,
+    away: Array,
+    free: Callable[[Array, Array], BoolArray],
+) -> Array:
+    """How far (mm, towards the spindle) to slide at equal times so that the flute covers most with nothing in the way.
+
+    Of all ways through the slides that are free at each of the times the one along which the windows of length L hold
+    most area in sum, steep changes aside (dynamic programming, Bellman). Where no slide is free at a time, none holds
+    anything.
+
+    Parameters
+    ----------
+    away: as `slid` has it.
+    free: which poses, axis points at height 0 and unit directions (M, 3), hit nothing.
+    """
+    time, height, areas, low = _prolonged_contacts(motion, tool, samples, limits)
+    middle = np.mean(motion.ends(np.linspace(0.0, 1.0, 65)), axis=0)
+    length = float(np.linalg.norm(np.diff(middle, axis=0), axis=1).sum())
+    count = int(np.clip(np.ceil(length / APART), NODES, MOST_TIMES - 1)) + 1
+    times, way = np.linspace(0.0, 1.0, count), length / (count - 1)
+    slides = CLEAR_STEP * np.arange(-int(low / CLEAR_STEP), int(FURTHEST / CLEAR_STEP) + 1)
+
+    p, q = motion.ends(times)
+    d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
+    normal = np.stack([np.interp(times, greville(motion), away[:, k]) for k in range(3)], axis=1)
+    along = _along_contact(d, normal, tool)
+    places = (p[:, None] + slides[:, None] * along[:, None]).reshape(-1, 3)
+    able = free(np.ascontiguousarray(places), np.repeat(d, len(slides), axis=0)).reshape(count, -1)
+    able[:, 1:-1] &= able[:, :-2] & able[:, 2:]
+
+    worth = np.zeros((count, len(slides)))
+    for k, t in enumerate(times):
+        near = np.flatnonzero(np.abs(time - t) <= 1.0 / (count - 1))
+        held = np.sort(height[near])
+        total = np.concatenate([[0.0], np.cumsum(areas[near][np.argsort(height[near])])])
+        worth[k] = total[np.searchsorted(held, slides + tool.length)] - total[np.searchsorted(held, slides)]
+    return np.asarray(slides[_best_way(np.where(able, worth, 0.0) - NEEDLESS * np.abs(slides), way)])
+
+
+def _best_way(worth: Array, way: float) -> IntArray:
+    """Column for each row of a table (K, S) of worths, so that their sum less what changes cost is largest."""
+    columns = np.arange(worth.shape[1])
+    change = CLEAR_STEP * (columns[:, None] - columns)
+    cost = np.where(np.abs(change) <= STEEPEST * way, UNEVEN * change**2 / way, np.inf)
+    best, came = worth[0].copy(), np.zeros(worth.shape, dtype=np.int64)
+    for k in range(1, len(worth)):
+        gain = best[None] - cost
+        came[k] = gain.argmax(axis=1)
+        best = gain[columns, came[k]] + worth[k]
+    path = np.empty(len(worth), dtype=np.int64)
+    path[-1] = best.argmax()
+    for k in range(len(worth) - 1, 0, -1):
+        path[k - 1] = came[k, path[k]]
+    return path
+
+
+def _prolonged_contacts(
+    motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits
+) -> tuple[Array, Array, Array, float]:
+    """Time, height on the flute and area (N,) of the samples that the prolonged cone touches within tolerance.
+
+    And by how much it is prolonged at its low end, mm.
     """
     slope = tan(tool.half_angle)
     low = min(FURTHEST, 0.8 * tool.r_min / slope) if slope > 0.0 else FURTHEST
@@ -56,12 +143,7 @@ def best_slide(motion: Motion, tool: Tool, samples: FaceSamples, limits: Limits)
     alpha = tool.half_angle
     # Height of the contact on the generator, as axial distance from the plane of r_min.
     height = (along * cos(alpha) + (across - tool.r_min) * sin(alpha)) * cos(alpha)
-    slides = np.arange(-low, FURTHEST + 0.5 * STEP, STEP)
-    found = np.zeros(NODES)
-    for node, t in enumerate(np.linspace(0.0, 1.0, NODES)):
-        near = np.abs(time - t) <= ABOUT
-        found[node] = _best_window(height[near], areas[near], tool.length, slides)
-    return found
+    return time, height, areas, low
 
 
 def _best_window(height: Array, areas: Array, length: float, slides: Array) -> float:
@@ -88,10 +170,15 @@ def slid(motion: Motion, tool: Tool, slides: Array, away: Array) -> Motion:
     """
     distance = np.interp(greville(motion), np.linspace(0.0, 1.0, len(slides)), slides)[:, None]
     d = (motion.q - motion.p) / np.linalg.norm(motion.q - motion.p, axis=1)[:, None]
+    shift = distance * _along_contact(d, away, tool)
+    return Motion(motion.knots, motion.p + shift, motion.q + shift)
+
+
+def _along_contact(d: Array, away: Array, tool: Tool) -> Array:
+    """Where a cone goes that slides along its contact by 1 mm of its axis: directions d, normals away, all (N, 3)."""
     across = away - np.einsum("ni,ni->n", away, d)[:, None] * d
     across /= np.linalg.norm(across, axis=1)[:, None]
-    shift = distance * (d - tan(tool.half_angle) * across)
-    return Motion(motion.knots, motion.p + shift, motion.q + shift)
+    return np.asarray(d - tan(tool.half_angle) * across)
 
 
 def away_from(face: WorkFace, motion: Motion) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -175,6 +175,11 @@ class Screen:
             Margins(-over, margin.shank + RESERVE, margin.holder + RESERVE),
             Margins(margin.cutter + RESERVE, margin.shank + RESERVE, margin.holder + RESERVE),
         )
+
+    @property
+    def around(self) -> Screen:
+        """The same without the design faces: what stands around them."""
+        return replace(self, design=PointCells.of(np.zeros((0, 3))))
 
     def free(self, p: Array, d: Array, tool: Tool, slack: float = 0.0, parallel: bool = False) -> BoolArray:
         """Which poses (M,), axis points p at height 0 and directions d (M, 3), violate nothing.

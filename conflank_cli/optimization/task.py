@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.growth import NODES, away_from, best_slide, lengthened, slid, steadiness
+from conflank_cli.geometry.growth import NODES, away_from, best_slide, clear_slide, lengthened, slid, steadiness
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
@@ -37,6 +37,9 @@ SCALE_FIRST, SCALE_LAST = 3.0, 0.8
 FINE_SPACING, FINE_FEWEST, FINE_MOST = 3.0, 26, 64
 # Factor on mu3 while settling: the soft modes have settled by then, and proximity would only slow what is left.
 SETTLE_PROXIMITY = 0.01
+# And where something is in the way: the axis then stays where it has been put along its contact. It is put there so
+# many times, since what it slides past changes as it settles.
+HELD_PROXIMITY, CLEARINGS = 100.0, 2
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
 ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
 # A sweep that keeps less than this share of its area when it is screened is tried again, slid along its axis by so
@@ -62,11 +65,12 @@ STILL_ON_FACE = 0.08
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """A solution, the area in mm2 that it covers, and the mean |g| over that in mm."""
+    """A solution, the area in mm2 that it covers, the mean |g| over that in mm, and whether nothing is in its way."""
 
     solution: Solution
     area: float
     mean: float
+    clear: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,24 +101,29 @@ class Task:
         """A sweep of which the screen takes off much, slid along its axis as a whole so that it keeps more.
 
         None where it keeps nearly all, or no slide helps. A cone slides along its contact without leaving the face, at
-        first order, so slides are compared by what is left within tolerance, overcut elsewhere aside: settling takes
-        that back.
+        first order, so slides of the whole are compared by what is left within tolerance, overcut elsewhere aside:
+        settling takes that back. The best of them, settled, is then compared with the one that slides as far as it has
+        to from time to time.
         """
         motion, areas = solution.motion, self.samples.areas
-        served = float(areas[within(self.gaps(motion), self.limits)].sum())
-        if served > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
+
+        def served(trial: Motion) -> float:
+            return float(areas[within(self.gaps(trial), self.limits)].sum())
+
+        now = served(motion)
+        if now > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
             return None
         away = away_from(self.face, motion)
-        best, most = None, served
-        for distance in CLEARING:
-            moved = slid(motion, self.tool, np.full(NODES, distance), away)
-            area = float(areas[within(self.gaps(moved), self.limits)].sum())
-            if area > most:
-                best, most = moved, area
-        if best is None:
-            return None
-        settled = self._settled(best)
-        return settled if not settled.failed and self._steady(settled.motion) else None
+        moved = [slid(motion, self.tool, np.full(NODES, distance), away) for distance in CLEARING]
+        most = [served(trial) for trial in moved]
+        trials = [self._settled(moved[int(np.argmax(most))])] if max(most) > now else []
+        put = self.refitted(motion)
+        for _ in range(CLEARINGS):
+            trials.append(self._settled(self._cleared(put), HELD_PROXIMITY))
+            put = trials[-1].motion
+        sound = [trial for trial in trials if not trial.failed and self._steady(trial.motion)]
+        best = max(sound, key=lambda trial: served(trial.motion), default=None)
+        return best if best is not None and served(best.motion) > now else None
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
         """Finer knots and the polish on the swept gap.
@@ -122,14 +131,14 @@ class Task:
         candidate: what `solution` was optimised from. It is polished on the swept gap directly as well, which finds an
         envelope that the paper's functional slides off along the axis; the one that covers more is returned.
         """
-        settled = self._settled(self.refitted(solution.motion))
-        if settled.failed:
+        settled = self._settled_clear(self.refitted(solution.motion))
+        if settled is None:
             return solution
-        best = settled
+        best = settled.solution
         if self.polish:
             rough = self._polished(self.refitted(candidate), ROUGH_SCALES, self.points.thinned(ROUGH_POINTS))
             fine = None if rough is None else self._polished(rough, FINE_SCALES, self.points)
-            best = self._better(self._judged(settled), fine).solution
+            best = self._better(settled, fine).solution
         return self._ended(best, solution, candidate)
 
     def grown(self, solution: Solution, candidate: Motion) -> Solution:
@@ -159,20 +168,18 @@ class Task:
 
     def _grown(self, best: _Judged) -> _Judged:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
+        moves = (self._slid, self._out_of_the_way, self._continued_at_start, self._continued_at_end)
+        tried: dict[int, _Judged] = {}
         for _ in range(ROUNDS):
-            before = best
-            # Each move starts from what those before it have gained.
-            for move in (self._slid, self._continued_at_start, self._continued_at_end):
-                moved = move(best.solution)
-                if moved is None:
+            # Each move starts from what those before it have gained, and from nothing twice.
+            for k, move in enumerate(moves):
+                if tried.get(k) is best:
                     continue
-                trial = self._settled(moved)
-                if trial.failed or not self._steady(trial.motion):
-                    continue
-                if (grown := self._judged(trial)).area > WORTH * best.area:
+                tried[k] = best
+                moved = move(best)
+                grown = None if moved is None else self._settled_clear(moved)
+                if grown is not None and grown.area > WORTH * best.area and self._steady(grown.solution.motion):
                     best = grown
-            if best is before:
-                break
         return best
 
     def _polished(self, motion: Motion, scales: tuple[float, ...], points: Points) -> Motion | None:
@@ -183,20 +190,22 @@ class Task:
         """The solution, or with `motion` in it if that is steady and covers more, or as much with a smaller gap."""
         if motion is None or not self._steady(motion):
             return best
-        area, mean = self._served(motion)
+        area, mean, clear = self._served(motion)
         more = area > (1.0 + ALIKE) * best.area
         finer = area > (1.0 - ALIKE) * best.area and mean < best.mean
-        return _Judged(self._with(best.solution, motion), area, mean) if more or finer else best
+        return _Judged(self._with(best.solution, motion), area, mean, clear) if more or finer else best
 
     def _judged(self, solution: Solution) -> _Judged:
         return _Judged(solution, *self._served(solution.motion))
 
-    def _served(self, motion: Motion) -> tuple[float, float]:
-        """Covered area in mm2, and the mean |g| over it in mm."""
-        gaps = self.gaps(motion)
+    def _served(self, motion: Motion) -> tuple[float, float, bool]:
+        """Covered area in mm2, the mean |g| over it in mm, and whether nothing is in the way of the motion."""
+        allowed = self.screen.allowed(motion, self.tool)
+        gaps = self._gaps(allowed)
         covered = self.covered(gaps)
         areas = self.samples.areas[covered]
-        return float(areas.sum()), float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
+        mean = float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
+        return float(areas.sum()), mean, allowed is motion
 
     def _flattened(self, best: _Judged) -> Solution:
         """The solution with the norm of its gap made small that the job asks for, unless that costs area."""
@@ -228,10 +237,10 @@ class Task:
 
     def gaps(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""
-        allowed = self.screen.allowed(motion, self.tool)
-        if allowed is None:
-            return np.full(len(self.samples.areas), np.inf)
-        return self.unscreened(allowed)
+        return self._gaps(self.screen.allowed(motion, self.tool))
+
+    def _gaps(self, allowed: Motion | None) -> Array:
+        return np.full(len(self.samples.areas), np.inf) if allowed is None else self.unscreened(allowed)
 
     def unscreened(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, whatever is in the way."""
@@ -241,21 +250,51 @@ class Task:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
         return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
 
-    def _slid(self, solution: Solution) -> Motion | None:
-        motion = solution.motion
+    def _slid(self, best: _Judged) -> Motion | None:
+        motion = best.solution.motion
         slides = best_slide(motion, self.tool, self.samples, self.limits)
         return slid(motion, self.tool, slides, away_from(self.face, motion)) if slides.any() else None
 
-    def _continued_at_start(self, solution: Solution) -> Motion | None:
-        there = np.mean(solution.field.on[0] > 0.5) > STILL_ON_FACE
-        return lengthened(solution.motion, LENGTHEN, False) if there else None
+    def _out_of_the_way(self, best: _Judged) -> Motion | None:
+        return None if best.clear else self._cleared(best.solution.motion)
 
-    def _continued_at_end(self, solution: Solution) -> Motion | None:
-        there = np.mean(solution.field.on[-1] > 0.5) > STILL_ON_FACE
-        return lengthened(solution.motion, LENGTHEN, True) if there else None
+    def _continued_at_start(self, best: _Judged) -> Motion | None:
+        there = np.mean(best.solution.field.on[0] > 0.5) > STILL_ON_FACE
+        return self._continued(best.solution.motion, False) if there else None
 
-    def _settled(self, motion: Motion) -> Solution:
-        weights = replace(self.weights, mu3=self.weights.mu3 * SETTLE_PROXIMITY)
+    def _continued_at_end(self, best: _Judged) -> Motion | None:
+        there = np.mean(best.solution.field.on[-1] > 0.5) > STILL_ON_FACE
+        return self._continued(best.solution.motion, True) if there else None
+
+    def _continued(self, motion: Motion, at_end: bool) -> Motion:
+        longer = lengthened(motion, LENGTHEN, at_end)
+        return longer if self.screen.allowed(longer, self.tool) is longer else self._cleared(longer)
+
+    def _cleared(self, motion: Motion) -> Motion:
+        """The motion slid from time to time so that what is around the face is not in its way."""
+        away, around = away_from(self.face, motion), self.screen.around
+        slides = clear_slide(
+            motion, self.tool, self.samples, self.limits, away, lambda p, d: around.free(p, d, self.tool)
+        )
+        return slid(motion, self.tool, slides, away)
+
+    def _settled_clear(self, motion: Motion) -> _Judged | None:
+        """The motion settled, held along its contact where something would be in its way and more is covered like that.
+
+        None where the solver failed.
+        """
+        settled = self._settled(motion)
+        if settled.failed:
+            return None
+        free = self._judged(settled)
+        if free.clear:
+            return free
+        settled = self._settled(motion, HELD_PROXIMITY)
+        held = free if settled.failed else self._judged(settled)
+        return held if held.area > free.area else free
+
+    def _settled(self, motion: Motion, proximity: float = SETTLE_PROXIMITY) -> Solution:
+        weights = replace(self.weights, mu3=self.weights.mu3 * proximity)
         return self.minimised(motion, (self.schedule()[-1],) * SETTLE_STEPS, weights)
 
     def schedule(self) -> tuple[Step, ...]:

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# A sweep that adds less than this share of the area is not worth its time.
+# A sweep that adds less than this share of what all of them together cover is not worth its time.
 LEAST_GAIN = 0.005
 # Limits of branch-and-bound nodes: for the fewest or quickest sweeps, and for the best of equally many. Most faces are
 # proven with fewer; the limits are there for the few that would take minutes.
@@ -105,6 +105,14 @@ class Chosen:
         return max(self.price - self.bound, 0.0) / self.price if self.price else 0.0
 
 
+def least_gain(covers: BoolArray, areas: Array) -> float:
+    """Share of the whole area that a sweep has to add to be worth its time, from what each covers (K, N).
+
+    Where part of a face is out of reach, inside of a hub for instance, a sweep is not weighed against that.
+    """
+    return LEAST_GAIN * share_covered(covers, areas, range(len(covers)))
+
+
 def choose(
     items: Sequence[Candidate],
     areas: Array,
@@ -123,12 +131,13 @@ def choose(
     areas, cells: (N,) and (N, 2), of the points that their gaps are on.
     job: its objective and tolerance count.
     at_hand: tools that are used anyway.
-    target: share of the area to cover. Where no greedy cover reaches it with sweeps that each add `LEAST_GAIN`, what it
+    target: share of the area to cover. Where no greedy cover reaches it with sweeps that each add `least_gain`, what it
         reaches is the goal.
     exact: without it the greedy cover is taken.
     """
     covers = np.array([item.covered for item in items]).reshape(len(items), len(areas))
-    own = np.flatnonzero(covers @ areas >= LEAST_GAIN * areas.sum())
+    least = least_gain(covers, areas)
+    own = np.flatnonzero((covers @ areas >= least * areas.sum()) & covers.any(axis=1))
     if not len(own):
         return Chosen([], 0.0, 0.0, 0.0, 0.0, 0.0)
     items, covers = [items[int(k)] for k in own], covers[own]
@@ -140,15 +149,15 @@ def choose(
     times = np.array([item.seconds for item in items])
     price = Price(times, tools, TOOL_CHANGE_SECONDS * change) if timed else Price.count(len(items))
 
-    first = greedy_cover(covers, areas, errors, target, LEAST_GAIN, prices=times if timed else None)
+    first = greedy_cover(covers, areas, errors, target, least, prices=times if timed else None)
     starts = [first]
     if exact:
-        starts.append(fewest_cover(covers, areas, errors, target, LEAST_GAIN))
+        starts.append(fewest_cover(covers, areas, errors, target, least))
     if timed and exact:
         # The quickest with one tool alone, too: a greedy choice does not see what a change costs later.
         for row in tools:
             index = np.flatnonzero(row)
-            alone = greedy_cover(covers[index], areas, errors[index], target, LEAST_GAIN, prices=times[index])
+            alone = greedy_cover(covers[index], areas, errors[index], target, least, prices=times[index])
             starts.append([int(index[k]) for k in alone])
     goal = min(target, max(share_covered(covers, areas, chosen) for chosen in starts))
     reaching = [chosen for chosen in starts if share_covered(covers, areas, chosen) >= goal]

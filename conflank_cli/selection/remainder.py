@@ -14,7 +14,7 @@ from conflank_cli.detection.reachability import reachability
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.scene import Scene
-from conflank_cli.selection.choice import LEAST_GAIN, Candidate
+from conflank_cli.selection.choice import Candidate, least_gain
 from conflank_cli.selection.obstruction import MACHINE, Obstruction, obstruction_at
 
 Array = npt.NDArray[np.float64]
@@ -100,8 +100,9 @@ def why_left(
 
     if candidates:
         near = cKDTree(coarse.points).query(places)[1]
-        able = np.array([item.covered for item in candidates])[:, near]
-        enough = able @ areas >= LEAST_GAIN * fine.areas.sum()
+        covers = np.array([item.covered for item in candidates])
+        able = covers[:, near]
+        enough = able @ areas >= least_gain(covers, coarse.areas) * fine.areas.sum()
         why[able.any(axis=0)] = Reason.SMALL
         why[able[enough].any(axis=0)] = Reason.NOT_CHOSEN
 

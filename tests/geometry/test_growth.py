@@ -9,11 +9,13 @@ import pytest
 
 from conflank_cli.geometry.gap import motion_gap, travel
 from conflank_cli.geometry.growth import (
+    CLEAR_STEP,
     FURTHEST,
     INSET,
     NODES,
     STEP,
     best_slide,
+    clear_slide,
     greville,
     lengthened,
     slid,
@@ -79,6 +81,38 @@ def test_slides_along_the_sweep_as_each_part_of_it_needs() -> None:
     slides = best_slide(motion, CYLINDER, face.samples(0.2), LIMITS)
     assert slides[0] > 3.0 and slides[-1] == 0.0
     assert np.all(np.diff(slides) <= 0.0)
+
+
+def test_slides_past_a_hill_as_far_as_it_has_to() -> None:
+    """Flute and face are equally long, so that each slide costs area; a hill of 3 mm stands in the tip's way."""
+    samples = work(round_face(RADIUS, 0.0, CYLINDER.length), 1).samples(0.2)
+    motion = circular(CYLINDER, 0.0, 0.0)
+    away = outwards(motion, 0.0)
+
+    def hill(angle: np.ndarray) -> np.ndarray:
+        return 3.0 * np.exp(-((angle / 0.3) ** 2)) - 0.3
+
+    def free(p: np.ndarray, d: np.ndarray) -> np.ndarray:
+        np.testing.assert_allclose(d[:, 2], 1.0, atol=1e-9)
+        return p[:, 2] > hill(np.arctan2(p[:, 1], p[:, 0]))
+
+    slides = clear_slide(motion, CYLINDER, samples, LIMITS, away, free)
+    height = np.maximum(hill(np.linspace(-0.62, 0.62, len(slides))), 0.0)
+    # A step away from it, and to the step of the search.
+    assert np.all(slides >= height) and np.all(slides <= height + 2.5 * CLEAR_STEP)
+    moved = slid(motion, CYLINDER, slides, away)
+    p, q = moved.ends(np.linspace(0.0, 1.0, 200))
+    assert free(p, (q - p) / np.linalg.norm(q - p, axis=1)[:, None]).all()
+
+
+def test_stays_where_nothing_is_in_the_way_or_everything_is() -> None:
+    samples = work(round_face(RADIUS, 0.0, 30.0), 1).samples(0.4)
+    motion = circular(CYLINDER, 0.0, 4.0)
+    for able in (True, False):
+        slides = clear_slide(
+            motion, CYLINDER, samples, LIMITS, outwards(motion, 0.0), lambda p, d, able=able: np.full(len(p), able)
+        )
+        assert not slides.any()
 
 
 def test_slides_up_a_cone() -> None:

@@ -106,6 +106,8 @@ def test_a_sweep_that_stands_too_deep_is_slid_out(task: Task) -> None:
     assert share(blocked, found.motion) > 0.9
     low, high = (motion.ends([0.5])[0][0] for motion in (solution.motion, found.motion))
     assert 0.4 < float((high - low) @ d[0]) < 2.1
+    # Settling would slide it back along its contact, into the plates.
+    assert share(blocked, blocked.refined(found, found.motion).motion) > 0.9
 
 
 def test_facts_of_an_error_field() -> None:
