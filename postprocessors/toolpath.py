@@ -21,6 +21,7 @@ class Purpose(Enum):
     PASS = "pass"
     APPROACH = "approach"
     RETRACT = "retract"
+    LINK = "link"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,7 @@ class Operation:
     """One tool and what it cuts, in order: each sweep or pass is APPROACH, SWEEP or PASS, RETRACT.
 
     A cut that has to be left on the way, so that a rotary axis can unwind, is several such visits with the same number.
+    A LINK leads from the retract before it to the approach after it, whose cut's number it has, without a full retract.
     """
 
     cutter: Cutter
@@ -71,7 +73,8 @@ def visits(operation: Operation) -> list[tuple[Stretch, ...]]:
     found: list[list[Stretch]] = []
     for stretch in operation.stretches:
         last = found[-1][-1] if found else None
-        if last is None or last.purpose is Purpose.RETRACT or last.cut != stretch.cut:
+        linked = stretch.purpose is Purpose.LINK
+        if last is None or ((last.purpose is Purpose.RETRACT or last.cut != stretch.cut) and not linked):
             found.append([])
         found[-1].append(stretch)
     return [tuple(stretches) for stretches in found]

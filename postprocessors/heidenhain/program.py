@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from postprocessors.heidenhain.control import BLOCK_LIMIT, DECIMALS, check_name,
 from postprocessors.heidenhain.rides import Ride, rides_of
 from postprocessors.machines.machine import Machine
 from postprocessors.post import Post, ProgramFile, ProgramOptions, check_options, own_option
-from postprocessors.toolpath import Cutter, ToolPath
+from postprocessors.toolpath import Cutter, Purpose, Stretch, ToolPath
 
 _COMMENT = "; "
 _NUMBER_SPACE = 12
@@ -69,8 +69,8 @@ class Dialect(ABC):
     def retract(self, machine: Machine) -> str:
         """As far up as the machine goes."""
 
-    def structure(self, ride: Ride) -> Iterator[str]:
-        """What the control's list of contents shows of a ride, if anything."""
+    def structure(self, stretches: Sequence[Stretch]) -> Iterator[str]:
+        """What the control's list of contents shows of one cut, if anything."""
         return iter(())
 
     @abstractmethod
@@ -191,12 +191,14 @@ def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Di
 def _ride(ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
     """From the retracted position and back to it."""
     poses = dialect.poses(ride)
-    yield from dialect.structure(ride)
+    yield from dialect.structure([stretch for stretch in ride.stretches if stretch.cut == ride.stretches[0].cut])
     a, c = ride.turns[0]
     yield dialect.turn(f"{ride.letters[0]}{a:+.{DECIMALS}f} {ride.letters[1]}{c:+.{DECIMALS}f}", start=first)
     yield dialect.on
     number, modal = 0, -1
     for stretch in ride.stretches:
+        if stretch.purpose is Purpose.LINK:
+            yield from dialect.structure([other for other in ride.stretches if other.cut == stretch.cut])
         yield f"; {stretch.purpose.name} {stretch.cut}"
         for _ in range(len(stretch.tip)):
             feed = ride.feed[number]
