@@ -26,11 +26,10 @@ LINK_LIFTS_DEG = (0.0, 30.0, 60.0, 80.0)
 """Angles by which the shift off the face leans up the tool axis."""
 ARC_BLOCKS = 12
 """Blocks of an approach or retract arc of 90 degrees: it leaves the circle by 0.2 % of its radius, to the inside."""
-LINK_TURN = np.radians(1.0)
+LINK_TURN = np.radians(2.0)
 """Largest turn of the axis in one block of a link between two cuts."""
-LINK_SWING = 1e-5
-"""Radians by which the axis at the middle of such a block may differ between the ways a control interpolates: a
-micrometre 100 mm up, less than what a path keeps more than its margins at the holder."""
+LINK_CHECKS = 4
+"""Poses within such a block that are looked at where its rotary axes move evenly."""
 HOPS = (0.0, 1.0, 2.0, 4.0, 8.0)
 """Times the clearance by which a link between two cuts lifts along the tool axis, in the order they are tried."""
 KEPT = 0.5

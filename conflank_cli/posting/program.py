@@ -20,7 +20,7 @@ from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
 from conflank_cli.posting.feeds import block_feeds
 from conflank_cli.posting.links import (
-    LINK_SWING,
+    LINK_CHECKS,
     Link,
     SafePlane,
     away_directions,
@@ -37,8 +37,9 @@ from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
+from postprocessors.kinematics.timing import unwound
 from postprocessors.kinematics.travel import check_travel
-from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, choose_words, runs_through, swing
+from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, choose_words, forward, runs_through, swing
 from postprocessors.kinematics.visits import visits_with_words
 from postprocessors.machines.machine import Machine
 from postprocessors.post import ProgramFile
@@ -251,9 +252,11 @@ def _links_between(
             continue
         (_, out), (into, _) = ways[index - 1], ways[index]
         for link in near_links(out, into, plane.clearance):
-            around = np.vstack([planned_axes(old.ride), _after(out, True).axis, _before(into, link).axis])
-            run = Run(new.label, np.vstack([around, planned_axes(new.ride)]))
-            if _turns_evenly(machine, run, link) and is_free(link, new.ride, screen, collider):
+            left = np.vstack([planned_axes(old.ride), _after(out, True).axis])
+            run = Run(new.label, np.vstack([left, _before(into, link).axis, planned_axes(new.ride)]))
+            # What a control makes of it lies between a turn on great circles and one of even rotary axes.
+            other = _by_rotary_axes(machine, run, link, len(left))
+            if other is not None and all(is_free(way, new.ride, screen, collider) for way in (link, other)):
                 links[index] = link
                 break
     # Each pair can be run through; of more than two in a row an axis may reach the end of its range.
@@ -290,14 +293,23 @@ def _run_together(machine: Machine, runs: Sequence[Array]) -> int:
     return good
 
 
-def _turns_evenly(machine: Machine, run: Run, link: Link) -> bool:
-    """Whether the machine runs through two cuts with a link between, the same way however a control interpolates."""
+def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link | None:
+    """The poses of a link where its rotary axes move evenly from block to block.
+
+    The link begins at pose `first` of the run, which holds the cuts on both sides. None where the rotary axes cannot
+    run through, or would whip around on the link.
+    """
     if not runs_through(machine, run):
-        return False
-    words = choose_words(machine, [run, Run(run.label, link.axis)])
-    if swing(machine, run.axis, words[0]).max() > SWING_LIMIT:
-        return False
-    return bool(swing(machine, link.axis, words[1]).max() <= LINK_SWING)
+        return None
+    words = choose_words(machine, [run])[0][first : first + len(link.tip)]
+    if swing(machine, link.axis, words).max() > SWING_LIMIT:
+        return None
+    number = np.arange(len(link.tip), dtype=np.float64)
+    shares = np.linspace(0.0, number[-1], LINK_CHECKS * (len(number) - 1) + 1)
+    turned = unwound(machine, words)
+    words = np.stack([np.interp(shares, number, column) for column in turned.T], axis=1)
+    tip = np.stack([np.interp(shares, number, column) for column in link.tip.T], axis=1)
+    return Link(tip, forward(machine, words))
 
 
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
