@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +48,8 @@ class Stretch:
     tip: tip points, shape (N, 3), mm.
     axis: unit vectors from tip to spindle, shape (N, 3).
     feed: feed into each pose, shape (N,), mm/min of the tip point; 0 means rapid.
+    material: of a sweep, the side of the feed ("left" or "right", seen from the spindle) on which it lies; "" where
+        nobody says, or where the ball cuts.
     """
 
     purpose: Purpose
@@ -54,6 +57,7 @@ class Stretch:
     tip: Array
     axis: Array
     feed: Array
+    material: Literal["", "left", "right"] = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import asin
 
 import numpy as np
 import numpy.typing as npt
@@ -169,7 +170,7 @@ def _in_blocks(link: Link) -> Link:
     tips, axes = [link.tip[:1]], [link.axis[:1]]
     for index in range(len(link.tip) - 1):
         # Twice the arc sine of half the chord is the angle.
-        turn = 2.0 * float(np.arcsin(min(0.5 * np.linalg.norm(link.axis[index + 1] - link.axis[index]), 1.0)))
+        turn = 2.0 * asin(min(0.5 * float(np.linalg.norm(link.axis[index + 1] - link.axis[index])), 1.0))
         share = np.linspace(0.0, 1.0, int(np.ceil(turn / LINK_TURN)) + 1 if turn > LINK_TURN else 2)[1:, None]
         tips.append(link.tip[index] + share * (link.tip[index + 1] - link.tip[index]))
         axes.append(great_circle(link.axis[index], link.axis[index + 1], share))

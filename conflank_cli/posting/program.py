@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -132,17 +133,19 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
         projector, sense = projectors[cut.face], scene.faces[cut.face].sense
         tool, turned = tools[cut.tool], frame.turned(rotation)
         ride: Ride | PassRide
+        material: Literal["", "left", "right"] = ""
         if isinstance(cut, Sweep):
             ride = Ride(cut.motion, tool, turned)
             climbs = is_climb(ride, away_directions(ride, projector, sense))
             if program.cutting != "both" and climbs != (program.cutting == "climb"):
-                ride = replace(ride, backwards=True)
+                ride, climbs = replace(ride, backwards=True), not climbs
+            material = "right" if climbs else "left"
         else:
             # A pass goes to and fro; only a sweep has one way round.
             ride = PassRide.of(cut, tool, turned)
         for leg in legs_of(ride, machine, label):
             away = away_directions(leg, projector, sense)
-            pieces.append(_Piece(number, leg, away[0], away[-1]))
+            pieces.append(_Piece(number, leg, material, away[0], away[-1]))
     plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
     stretches = _with_links(pieces, plane, screen, collider, machine, scene.job)
     operations = tuple(
@@ -162,6 +165,7 @@ class _Piece:
 
     cut: int
     ride: Ride | PassRide
+    material: Literal["", "left", "right"]
     away_in: Array
     away_out: Array
 
@@ -214,7 +218,9 @@ def _with_links(
             (
                 *opening,
                 Stretch(Purpose.APPROACH, piece.cut, tip[entry], axis[entry], feed[entry]),
-                Stretch(ride.purpose, piece.cut, tip[first : last + 1], axis[first : last + 1], sweep_feed),
+                Stretch(
+                    ride.purpose, piece.cut, tip[first : last + 1], axis[first : last + 1], sweep_feed, piece.material
+                ),
                 Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], back_feed),
             )
         )

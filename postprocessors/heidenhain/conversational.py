@@ -43,7 +43,7 @@ POST = Post(
     styles=tuple(_SWITCHES),
     write=write_conversational,
     splits=("none", "sweep", "tool"),
-    own={"decimal": "point", "structure": "off"},
+    own={"decimal": "point", "structure": "off", "radius": "off"},
 )
 
 
@@ -115,6 +115,10 @@ class Conversational(Dialect):
     def first(self, pose: str) -> str:
         """At rapid, without compensation."""
         return f"{pose} R0 FMAX"
+
+    def sided(self, pose: str, side: str) -> str:
+        """After the coordinates."""
+        return f"{pose} {side}"
 
     def rapid(self, pose: str) -> str:
         """FMAX holds for its block only."""
