@@ -34,14 +34,13 @@ from conflank_cli.posting.links import (
 from conflank_cli.posting.mounting import axis_positions, mounting_of
 from conflank_cli.posting.ride import PassRide, Ride
 from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks, words_of
+from conflank_cli.posting.summary import MachineRun, machine_run
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
 from postprocessors.kinematics.timing import unwound
-from postprocessors.kinematics.travel import check_travel
 from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, choose_words, forward, runs_through, swing
-from postprocessors.kinematics.visits import visits_with_words
 from postprocessors.machines.machine import Machine
 from postprocessors.post import ProgramFile
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
@@ -59,14 +58,14 @@ def post_program(scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] =
     ------
     InputError: the control or the machine could not execute it.
     """
-    (program, *_), path = post_programs(scene, sweeps, passes)
+    (program, *_), path, _ = post_programs(scene, sweeps, passes)
     return program.text, path
 
 
 def post_programs(
     scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] = ()
-) -> tuple[tuple[ProgramFile, ...], ToolPath]:
-    """The programs that the scene's job asks for, the one to run first, and the tool path behind them.
+) -> tuple[tuple[ProgramFile, ...], ToolPath, MachineRun]:
+    """The programs that the scene's job asks for, the one to run first, the tool path, and how the machine runs it.
 
     Raises
     ------
@@ -77,8 +76,8 @@ def post_programs(
     try:
         machine = machine_of(job)
         path = _numbered(plan_to_toolpath(scene, sweeps, machine, passes), job.program.tool_numbers)
-        check_travel(machine, visits_with_words(machine, path), mounting_of(job))
-        return post.write(path, machine, program_options(job, post)), path
+        run = machine_run(job, machine, path)
+        return post.write(path, machine, program_options(job, post)), path, run
     except PostError as error:
         raise InputError(error.where, error.found, error.expected, error.next_step) from error
 

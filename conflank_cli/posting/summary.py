@@ -87,15 +87,37 @@ class PostSummary:
         )
 
 
-def summarize(job: Job, path: ToolPath) -> PostSummary:
+@dataclass(frozen=True, slots=True)
+class MachineRun:
+    """A tool path as the machine runs it: its visits with rotary words, and the travel of X, Y and Z."""
+
+    visits: tuple[VisitWords, ...]
+    travel: TravelCheck
+
+
+def machine_run(job: Job, machine: Machine, path: ToolPath) -> MachineRun:
+    """Choose the rotary words of a tool path and check the travels.
+
+    Raises
+    ------
+    PostError: the machine cannot run it.
+    """
+    visits = visits_with_words(machine, path)
+    return MachineRun(visits, check_travel(machine, visits, mounting_of(job)))
+
+
+def summarize(job: Job, path: ToolPath, known: MachineRun | None = None) -> PostSummary:
     """Predict what the program of a tool path does on the job's machine.
+
+    `known`: how the machine runs it, where that has been found out before.
 
     Raises
     ------
     PostError: the machine cannot run it.
     """
     machine = machine_of(job)
-    visits = visits_with_words(machine, path)
+    found = known or machine_run(job, machine, path)
+    visits = found.visits
     cuts: dict[tuple[str, int], CutTime] = {}
     total = 0.0
     for visit in visits:
@@ -124,8 +146,7 @@ def summarize(job: Job, path: ToolPath) -> PostSummary:
     program = job.program.cycle32
     heights = [operation.cutter.length + operation.cutter.r_min for operation in path.operations]
     swing = program.t if program.ta is None else max(heights) * radians(program.ta)
-    travel = check_travel(machine, visits, mounting_of(job))
-    return PostSummary(machine, tuple(cuts.values()), total, POSTED_WITHIN, program.t + swing, travel)
+    return PostSummary(machine, tuple(cuts.values()), total, POSTED_WITHIN, program.t + swing, found.travel)
 
 
 def visit_profile(machine: Machine, job: Job, visit: VisitWords) -> Profile:
