@@ -233,9 +233,14 @@ class Machine(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Safe(Struct, frozen=True, forbid_unknown_fields=True):
-    """Distances for moves off the part, mm."""
+    """Moves off the part: their distance (mm), and how a cut is entered whose beginning is near the end of another.
+
+    links: "near" goes over with tool centre point control on wherever the way is free and short; "retract" always
+    leaves by a full retract.
+    """
 
     clearance: Positive = 5.0
+    links: Literal["near", "retract"] = "near"
 
 
 class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):

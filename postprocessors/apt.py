@@ -64,6 +64,7 @@ def _operation(operation: Operation, options: ProgramOptions) -> Iterator[str]:
     for stretch in operation.stretches:
         entering = last is None or last.cut != stretch.cut
         entering |= last is not None and (last.purpose, stretch.purpose) == (Purpose.RETRACT, Purpose.APPROACH)
+        entering &= last is None or stretch.purpose is not Purpose.LINK
         if entering and last is not None:
             yield "RETRCT"
         yield f"PPRINT/{stretch.purpose.name} {stretch.cut}"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ class Purpose(Enum):
     PASS = "pass"
     APPROACH = "approach"
     RETRACT = "retract"
+    LINK = "link"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,8 @@ class Stretch:
     tip: tip points, shape (N, 3), mm.
     axis: unit vectors from tip to spindle, shape (N, 3).
     feed: feed into each pose, shape (N,), mm/min of the tip point; 0 means rapid.
+    material: of a sweep, the side of the feed ("left" or "right", seen from the spindle) on which it lies; "" where
+        nobody says, or where the ball cuts.
     """
 
     purpose: Purpose
@@ -53,6 +57,7 @@ class Stretch:
     tip: Array
     axis: Array
     feed: Array
+    material: Literal["", "left", "right"] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,7 @@ class Operation:
     """One tool and what it cuts, in order: each sweep or pass is APPROACH, SWEEP or PASS, RETRACT.
 
     A cut that has to be left on the way, so that a rotary axis can unwind, is several such visits with the same number.
+    A LINK leads from the retract before it to the approach after it, whose cut's number it has, without a full retract.
     """
 
     cutter: Cutter
@@ -71,7 +77,8 @@ def visits(operation: Operation) -> list[tuple[Stretch, ...]]:
     found: list[list[Stretch]] = []
     for stretch in operation.stretches:
         last = found[-1][-1] if found else None
-        if last is None or last.purpose is Purpose.RETRACT or last.cut != stretch.cut:
+        linked = stretch.purpose is Purpose.LINK
+        if last is None or ((last.purpose is Purpose.RETRACT or last.cut != stretch.cut) and not linked):
             found.append([])
         found[-1].append(stretch)
     return [tuple(stretches) for stretches in found]

@@ -26,17 +26,15 @@ def post(source: str, output: str, job_file: str | None, as_json: bool, talk: Ta
     from conflank_cli.commands.stages import run_post
     from conflank_cli.commands.tables import prediction
     from conflank_cli.output import check_output, write_outputs
-    from conflank_cli.posting import summarize
 
     refuse_both(as_json, output, "the program")
     check_output(output, [source])
     plan = read_plan(source)
     scene = override(plan.scene, "post", job_file, talk)
     check_split(scene.job.program.split, output)
-    files, path = run_post(scene, plan.sweeps, plan.passes, output, talk)
+    files, summary = run_post(scene, plan.sweeps, plan.passes, output, talk)
     # The calling program last: once it is there, so are its parts.
     write_outputs(reversed(files.items()), [source])
-    summary = summarize(scene.job, path)
     talk.note(prediction(summary))
     if as_json:
         print_document({"files": list(files), **of_posting(summary)})

@@ -43,7 +43,6 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.formats import post_of
     from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_folder, check_output, write_outputs
-    from conflank_cli.posting import summarize
     from conflank_cli.report.document import report_html
     from conflank_cli.verification.verify import pose_program
 
@@ -72,9 +71,8 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     }
     verification, summary = None, None
     if plan or passes:
-        programs, path = run_post(scene, plan, passes, program, talk)
+        programs, summary = run_post(scene, plan, passes, program, talk)
         verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
-        summary = summarize(scene.job, path)
         with talk.timed("report"):
             posed = pose_program(programs[program], scene, programs.get)
             page = report_html(scene, posed, programs[program], verification, coverage)

@@ -12,10 +12,10 @@ from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage
 from conflank_cli.errors import NumericalError
 from conflank_cli.options import Talk
+from conflank_cli.posting.summary import PostSummary
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import Verification
-from postprocessors.toolpath import ToolPath
 
 KERNELS = Path(geometry.__file__).parent / "kernels" / "__pycache__"
 """Where compiled kernels are kept, unless NUMBA_CACHE_DIR says otherwise."""
@@ -99,14 +99,14 @@ def run_passes(
 
 def run_post(
     scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass], output: str, talk: Talk
-) -> tuple[dict[str, str], ToolPath]:
-    """Texts by name of file (the program to run as `output`, then the parts it calls beside it), and the tool path."""
+) -> tuple[dict[str, str], PostSummary]:
+    """Texts by name of file (the program to run as `output`, then the parts it calls beside it), and what they do."""
     from conflank_cli.errors import UsageError
     from conflank_cli.formats import post_of
-    from conflank_cli.posting import post_programs
+    from conflank_cli.posting import post_programs, summarize
 
     with talk.timed("post"):
-        (program, *parts), path = post_programs(scene, sweeps, passes)
+        (program, *parts), path, known = post_programs(scene, sweeps, passes)
     suffix = post_of(scene.job).suffix
     files = {output: program.text}
     for part in parts:
@@ -114,7 +114,7 @@ def run_post(
         if name in files:
             raise UsageError(f"-o {output}", "the name of a part that the program calls", "another", "Name another.")
         files[name] = part.text
-    return files, path
+    return files, summarize(scene.job, path, known)
 
 
 def program_beside(folder: Path, name: str) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import asin
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
-from conflank_cli.posting.ride import PassRide, Ride
+from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from conflank_cli.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -26,6 +27,15 @@ LINK_LIFTS_DEG = (0.0, 30.0, 60.0, 80.0)
 """Angles by which the shift off the face leans up the tool axis."""
 ARC_BLOCKS = 12
 """Blocks of an approach or retract arc of 90 degrees: it leaves the circle by 0.2 % of its radius, to the inside."""
+LINK_TURN = np.radians(2.0)
+"""Largest turn of the axis in one block of a link between two cuts."""
+LINK_CHECKS = 4
+"""Poses within such a block that are looked at where its rotary axes move evenly."""
+HOPS = (0.0, 1.0, 2.0, 4.0, 8.0)
+"""Times the clearance by which a link between two cuts lifts along the tool axis, in the order they are tried."""
+KEPT = 0.5
+"""Share of the distance off everything at the nearer end of a link that the cutter keeps on all of it: stock that the
+collision check knows nothing of is left there."""
 LINK_STEP = 1.0
 """Poses of a link are held against the part this far apart, mm."""
 
@@ -135,6 +145,49 @@ def clearest(links: Iterable[Link], ride: Ride | PassRide, screen: Screen, colli
             break
     assert best is not None
     return best
+
+
+def near_links(start: Link, end: Link, lift: float) -> Iterator[Link]:
+    """Ways from beside the face after one cut to beside the face before the next, the shortest first.
+
+    Straight over, or up along the axis, over and down. `start` is read from the end, as ways out are; `lift` is the
+    least lift, mm. Only those that are shorter than up to the safe plane and down again.
+    """
+    full = sum(float(np.linalg.norm(link.tip[1] - link.tip[0])) for link in (start, end))
+    ends = np.vstack([start.tip[1], end.tip[1]])
+    axes = np.vstack([start.axis[1], end.axis[1]])
+    for hop in HOPS:
+        corners = ends + hop * lift * axes
+        tip = corners if hop == 0.0 else np.vstack([ends[:1], corners, ends[1:]])
+        axis = axes if hop == 0.0 else np.repeat(axes, 2, axis=0)
+        if float(np.linalg.norm(np.diff(tip, axis=0), axis=1).sum()) >= full:
+            return
+        yield _in_blocks(Link(tip, axis))
+
+
+def _in_blocks(link: Link) -> Link:
+    """The same way with the axis on great circles, in blocks that turn it by `LINK_TURN` at most."""
+    tips, axes = [link.tip[:1]], [link.axis[:1]]
+    for index in range(len(link.tip) - 1):
+        # Twice the arc sine of half the chord is the angle.
+        turn = 2.0 * asin(min(0.5 * float(np.linalg.norm(link.axis[index + 1] - link.axis[index])), 1.0))
+        share = np.linspace(0.0, 1.0, int(np.ceil(turn / LINK_TURN)) + 1 if turn > LINK_TURN else 2)[1:, None]
+        tips.append(link.tip[index] + share * (link.tip[index + 1] - link.tip[index]))
+        axes.append(great_circle(link.axis[index], link.axis[index + 1], share))
+    return Link(np.vstack(tips), np.vstack(axes))
+
+
+def is_free(link: Link, ride: Ride | PassRide, screen: Screen, collider: Collider) -> bool:
+    """Whether nothing is hit on a link between two cuts, and the cutter stays off everything on all of it."""
+    pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
+    tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    if not screen.free(*_in_cad(ride, tips, axes), ride.tool).all():
+        return False
+    # The first two components are what cuts: ball and cone.
+    off = collider.poses(*_in_cad(ride, tips, axes), ride.tool).clearance[:, :2].min(axis=1)
+    if off.min() < KEPT * min(off[0], off[-1]):
+        return False
+    return collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear
 
 
 def _in_cad(ride: Ride | PassRide, tip: Array, axis: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,17 +20,27 @@ from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
 from conflank_cli.posting.feeds import block_feeds
-from conflank_cli.posting.links import Link, SafePlane, away_directions, clearest, hull_points, is_climb
+from conflank_cli.posting.links import (
+    LINK_CHECKS,
+    Link,
+    SafePlane,
+    away_directions,
+    clearest,
+    hull_points,
+    is_climb,
+    is_free,
+    near_links,
+)
 from conflank_cli.posting.mounting import axis_positions, mounting_of
 from conflank_cli.posting.ride import PassRide, Ride
-from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks
+from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks, words_of
+from conflank_cli.posting.summary import MachineRun, machine_run
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
-from postprocessors.kinematics.travel import check_travel
-from postprocessors.kinematics.two_rotary import Run, choose_words, runs_through
-from postprocessors.kinematics.visits import visits_with_words
+from postprocessors.kinematics.timing import unwound
+from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, choose_words, forward, runs_through, swing
 from postprocessors.machines.machine import Machine
 from postprocessors.post import ProgramFile
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
@@ -47,14 +58,14 @@ def post_program(scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] =
     ------
     InputError: the control or the machine could not execute it.
     """
-    (program, *_), path = post_programs(scene, sweeps, passes)
+    (program, *_), path, _ = post_programs(scene, sweeps, passes)
     return program.text, path
 
 
 def post_programs(
     scene: Scene, sweeps: Sequence[Sweep], passes: Sequence[Pass] = ()
-) -> tuple[tuple[ProgramFile, ...], ToolPath]:
-    """The programs that the scene's job asks for, the one to run first, and the tool path behind them.
+) -> tuple[tuple[ProgramFile, ...], ToolPath, MachineRun]:
+    """The programs that the scene's job asks for, the one to run first, the tool path, and how the machine runs it.
 
     Raises
     ------
@@ -65,8 +76,8 @@ def post_programs(
     try:
         machine = machine_of(job)
         path = _numbered(plan_to_toolpath(scene, sweeps, machine, passes), job.program.tool_numbers)
-        check_travel(machine, visits_with_words(machine, path), mounting_of(job))
-        return post.write(path, machine, program_options(job, post)), path
+        run = machine_run(job, machine, path)
+        return post.write(path, machine, program_options(job, post)), path, run
     except PostError as error:
         raise InputError(error.where, error.found, error.expected, error.next_step) from error
 
@@ -121,17 +132,19 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
         projector, sense = projectors[cut.face], scene.faces[cut.face].sense
         tool, turned = tools[cut.tool], frame.turned(rotation)
         ride: Ride | PassRide
+        material: Literal["", "left", "right"] = ""
         if isinstance(cut, Sweep):
             ride = Ride(cut.motion, tool, turned)
             climbs = is_climb(ride, away_directions(ride, projector, sense))
             if program.cutting != "both" and climbs != (program.cutting == "climb"):
-                ride = replace(ride, backwards=True)
+                ride, climbs = replace(ride, backwards=True), not climbs
+            material = "right" if climbs else "left"
         else:
             # A pass goes to and fro; only a sweep has one way round.
             ride = PassRide.of(cut, tool, turned)
         for leg in legs_of(ride, machine, label):
             away = away_directions(leg, projector, sense)
-            pieces.append(_Piece(number, leg, away[0], away[-1]))
+            pieces.append(_Piece(number, leg, material, away[0], away[-1]))
     plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
     stretches = _with_links(pieces, plane, screen, collider, machine, scene.job)
     operations = tuple(
@@ -151,6 +164,7 @@ class _Piece:
 
     cut: int
     ride: Ride | PassRide
+    material: Literal["", "left", "right"]
     away_in: Array
     away_out: Array
 
@@ -161,38 +175,146 @@ class _Piece:
 
 def _with_links(
     pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, collider: Collider, machine: Machine, job: Job
-) -> list[tuple[Stretch, Stretch, Stretch]]:
-    """Approach, cut and retract of each piece: its blocks, its ways in and out, and the feeds of all of them."""
+) -> list[tuple[Stretch, ...]]:
+    """Approach, cut and retract of each piece, after the link to it where there is one, with all feeds."""
     labels = [piece.label for piece in pieces]
     ways = [_ways(piece, plane, screen, collider, machine) for piece in pieces]
     rides = [piece.ride for piece in pieces]
-    # The last pose of a link is the first of the cut, or the other way round.
-    times = space_blocks(rides, machine, labels, [(a.axis[:-1], b.axis[-2::-1]) for a, b in ways])
+    links: list[Link | None] = [None] * len(pieces)
+    # A program for each sweep begins and ends with a full retract.
+    if job.program.safe.links == "near" and job.program.split != "sweep":
+        links = _links_between(pieces, ways, plane, screen, collider, machine)
+    follows = [link is not None for link in links]
+    followed = [*follows[1:], False]
+    # What is run before and after each cut; the safe plane only where it is reached.
+    before = [_before(a, link) for (a, _), link in zip(ways, links, strict=True)]
+    after = [_after(b, go_on) for (_, b), go_on in zip(ways, followed, strict=True)]
+    ends = [(a.axis, b.axis) for a, b in zip(before, after, strict=True)]
+    times = space_blocks(rides, machine, labels, ends, follows)
     poses = [ride.poses(t) for ride, t in zip(rides, times, strict=True)]
-    tips = [np.vstack([a.tip[:-1], tip, b.tip[-2::-1]]) for (tip, _), (a, b) in zip(poses, ways, strict=True)]
-    axes = [np.vstack([a.axis[:-1], axis, b.axis[-2::-1]]) for (_, axis), (a, b) in zip(poses, ways, strict=True)]
-    words = choose_words(machine, [Run(label, axis) for label, axis in zip(labels, axes, strict=True)])
+    tips = [np.vstack([a.tip, tip, b.tip]) for (tip, _), a, b in zip(poses, before, after, strict=True)]
+    axes = [np.vstack([a.axis, axis, b.axis]) for (_, axis), a, b in zip(poses, before, after, strict=True)]
+    words = words_of(machine, labels, axes, follows)
     stretches = []
-    for piece, (inward, outward), tip, axis, word in zip(pieces, ways, tips, axes, words, strict=True):
-        ride, label = piece.ride, f"{piece.label} with its approach"
-        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, word)
-        # At feed from beside the face to beside it again; the safe plane is reached by rapid.
-        at = slice(1, len(tip) - 1)
+    for index, piece in enumerate(pieces):
+        ride, label, link = piece.ride, f"{piece.label} with its approach", links[index]
+        tip, axis = tips[index], axes[index]
+        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, words[index])
+        # At feed from beside the face to beside it again; the safe plane and links are passed by rapid.
+        start = 1 if link is None else len(link.tip) - 1
+        first, last = len(before[index].tip), len(tip) - len(after[index].tip) - 1
+        at = slice(start, len(tip) if followed[index] else len(tip) - 1)
         feed = np.zeros(len(tip))
         feed[at] = block_feeds(tip[at], axis[at], positions[at], ride, machine, job.program.feed, label)
-        first, last = len(inward.tip) - 1, len(tip) - len(outward.tip)
         # Into the first pose of a stretch leads nothing; it has the feed of its first block.
         sweep_feed, back_feed = feed[first : last + 1].copy(), feed[last:].copy()
-        sweep_feed[0], back_feed[0], feed[1] = sweep_feed[1], back_feed[1], 0.0
-        ends = slice(0, first + 1), slice(first, last + 1), slice(last, len(tip))
+        sweep_feed[0], back_feed[0] = sweep_feed[1], back_feed[1]
+        opening = [Stretch(Purpose.LINK, piece.cut, link.tip, link.axis, np.zeros(len(link.tip)))] if link else []
+        if link is None:
+            feed[1] = 0.0
+        entry = slice(start if link else 0, first + 1)
         stretches.append(
             (
-                Stretch(Purpose.APPROACH, piece.cut, tip[ends[0]], axis[ends[0]], feed[ends[0]]),
-                Stretch(ride.purpose, piece.cut, tip[ends[1]], axis[ends[1]], sweep_feed),
-                Stretch(Purpose.RETRACT, piece.cut, tip[ends[2]], axis[ends[2]], back_feed),
+                *opening,
+                Stretch(Purpose.APPROACH, piece.cut, tip[entry], axis[entry], feed[entry]),
+                Stretch(
+                    ride.purpose, piece.cut, tip[first : last + 1], axis[first : last + 1], sweep_feed, piece.material
+                ),
+                Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], back_feed),
             )
         )
     return stretches
+
+
+def _before(way: Link, link: Link | None) -> Link:
+    """Poses before a cut, without its first: from the safe plane, or along the link from the cut before."""
+    if link is None:
+        return Link(way.tip[:-1], way.axis[:-1])
+    # The link ends where the way from the safe plane would arrive beside the face.
+    return Link(np.vstack([link.tip, way.tip[2:-1]]), np.vstack([link.axis, way.axis[2:-1]]))
+
+
+def _after(way: Link, followed: bool) -> Link:
+    """Poses after a cut, without its last: to the safe plane, or to beside the face where a link begins."""
+    first = 1 if followed else 0
+    return Link(way.tip[first:-1][::-1], way.axis[first:-1][::-1])
+
+
+def _links_between(
+    pieces: Sequence[_Piece],
+    ways: Sequence[tuple[Link, Link]],
+    plane: SafePlane,
+    screen: Screen,
+    collider: Collider,
+    machine: Machine,
+) -> list[Link | None]:
+    """The link into each piece from the one before, where one is free and the rotary axes run through it."""
+    links: list[Link | None] = [None] * len(pieces)
+    for index in range(1, len(pieces)):
+        old, new = pieces[index - 1], pieces[index]
+        # Legs of one cut part because an axis has to unwind; copies lie in frames of their own.
+        if old.cut == new.cut or old.ride.tool != new.ride.tool or _other_copy(old, new):
+            continue
+        (_, out), (into, _) = ways[index - 1], ways[index]
+        for link in near_links(out, into, plane.clearance):
+            left = np.vstack([planned_axes(old.ride), _after(out, True).axis])
+            run = Run(new.label, np.vstack([left, _before(into, link).axis, planned_axes(new.ride)]))
+            # What a control makes of it lies between a turn on great circles and one of even rotary axes.
+            other = _by_rotary_axes(machine, run, link, len(left))
+            if other is not None and all(is_free(way, new.ride, screen, collider) for way in (link, other)):
+                links[index] = link
+                break
+    # Each pair can be run through; of more than two in a row an axis may reach the end of its range.
+    start = 0
+    while start < len(pieces):
+        end = start + 1
+        while end < len(pieces) and links[end] is not None:
+            end += 1
+        runs = [
+            np.vstack([_before(ways[k][0], links[k]).axis, planned_axes(pieces[k].ride), _after(ways[k][1], True).axis])
+            for k in range(start, end)
+        ]
+        count = _run_together(machine, runs)
+        if start + count < len(pieces):
+            links[start + count] = None
+        start += count
+    return links
+
+
+def _other_copy(old: _Piece, new: _Piece) -> bool:
+    """Whether two pieces are cut on different copies of the part."""
+    return not np.array_equal(old.ride.frame.rotation, new.ride.frame.rotation)
+
+
+def _run_together(machine: Machine, runs: Sequence[Array]) -> int:
+    """How many of these ways (N, 3), from the first on, the machine can run through one after the other."""
+    good, bad = 1, len(runs) + 1
+    while bad - good > 1:
+        middle = len(runs) if bad > len(runs) else (good + bad) // 2
+        if runs_through(machine, Run("cuts with their links", np.vstack(runs[:middle]))):
+            good = middle
+        else:
+            bad = middle
+    return good
+
+
+def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link | None:
+    """The poses of a link where its rotary axes move evenly from block to block.
+
+    The link begins at pose `first` of the run, which holds the cuts on both sides. None where the rotary axes cannot
+    run through, or would whip around on the link.
+    """
+    if not runs_through(machine, run):
+        return None
+    words = choose_words(machine, [run])[0][first : first + len(link.tip)]
+    if swing(machine, link.axis, words).max() > SWING_LIMIT:
+        return None
+    number = np.arange(len(link.tip), dtype=np.float64)
+    shares = np.linspace(0.0, number[-1], LINK_CHECKS * (len(number) - 1) + 1)
+    turned = unwound(machine, words)
+    words = np.stack([np.interp(shares, number, column) for column in turned.T], axis=1)
+    tip = np.stack([np.interp(shares, number, column) for column in link.tip.T], axis=1)
+    return Link(tip, forward(machine, words))
 
 
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:

@@ -8,6 +8,7 @@ plane of r_max, stays within `CHORD_TOLERANCE` of the exact motion either way.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +37,11 @@ REFINEMENTS = 24
 
 
 def space_blocks(
-    rides: Sequence[Ride | PassRide], machine: Machine, labels: Sequence[str], links: Sequence[tuple[Array, Array]]
+    rides: Sequence[Ride | PassRide],
+    machine: Machine,
+    labels: Sequence[str],
+    links: Sequence[tuple[Array, Array]],
+    linked: Sequence[bool] = (),
 ) -> list[Array]:
     """Times of the blocks of each ride, as few as hold `CHORD_TOLERANCE`, evenly loaded.
 
@@ -46,6 +51,7 @@ def space_blocks(
     machine: its rotary words are one of the two interpolations.
     labels: name the rides in messages.
     links: axes (N, 3) of the poses before the first and after the last of each ride, in order.
+    linked: whether each ride follows the one before without a full retract; none does if not given.
 
     The deviation of a block grows with the square of its length, so its second-order coefficient gives the density of
     blocks that loads all of them alike; what still fails then (near the singular pose the rotary words have no such
@@ -59,11 +65,11 @@ def space_blocks(
     limit = CHECK_SLACK * CHORD_TOLERANCE
     for _ in range(REFINEMENTS):
         # The words of the whole program: which of two solutions a sweep gets may depend on its links and neighbours.
-        runs = [
-            Run(label, np.vstack([before, ride.poses(t)[1], after]))
-            for ride, t, label, (before, after) in zip(rides, times, labels, links, strict=True)
+        axes = [
+            np.vstack([before, ride.poses(t)[1], after])
+            for ride, t, (before, after) in zip(rides, times, links, strict=True)
         ]
-        words = choose_words(machine, runs)
+        words = words_of(machine, labels, axes, linked or [False] * len(rides))
         done = True
         for index, ride in enumerate(rides):
             t = times[index]
@@ -80,6 +86,20 @@ def space_blocks(
         "a motion whose rotary axes follow it",
         "The sweep passes the pose where the first rotary axis is along the tool: turn the part in [setup].",
     )
+
+
+def words_of(machine: Machine, labels: Sequence[str], axes: Sequence[Array], linked: Sequence[bool]) -> list[Array]:
+    """Rotary words (N, 2), degrees, for the axes (N, 3) of each ride with its ways, chosen over the whole program.
+
+    `linked`: whether a ride follows the one before without a full retract.
+    """
+    starts = [index for index, follows in enumerate(linked) if not follows]
+    visits = [range(first, last) for first, last in pairwise([*starts, len(linked)])]
+    runs = [Run(labels[visit[0]], np.vstack([axes[index] for index in visit])) for visit in visits]
+    words: list[Array] = []
+    for visit, chosen in zip(visits, choose_words(machine, runs), strict=True):
+        words += np.split(chosen, np.cumsum([len(axes[index]) for index in visit])[:-1])
+    return words
 
 
 def legs_of(ride: Ride | PassRide, machine: Machine, label: str) -> Sequence[Ride | PassRide]:

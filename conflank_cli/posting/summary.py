@@ -87,38 +87,66 @@ class PostSummary:
         )
 
 
-def summarize(job: Job, path: ToolPath) -> PostSummary:
+@dataclass(frozen=True, slots=True)
+class MachineRun:
+    """A tool path as the machine runs it: its visits with rotary words, and the travel of X, Y and Z."""
+
+    visits: tuple[VisitWords, ...]
+    travel: TravelCheck
+
+
+def machine_run(job: Job, machine: Machine, path: ToolPath) -> MachineRun:
+    """Choose the rotary words of a tool path and check the travels.
+
+    Raises
+    ------
+    PostError: the machine cannot run it.
+    """
+    visits = visits_with_words(machine, path)
+    return MachineRun(visits, check_travel(machine, visits, mounting_of(job)))
+
+
+def summarize(job: Job, path: ToolPath, known: MachineRun | None = None) -> PostSummary:
     """Predict what the program of a tool path does on the job's machine.
+
+    `known`: how the machine runs it, where that has been found out before.
 
     Raises
     ------
     PostError: the machine cannot run it.
     """
     machine = machine_of(job)
-    visits = visits_with_words(machine, path)
+    found = known or machine_run(job, machine, path)
+    visits = found.visits
     cuts: dict[tuple[str, int], CutTime] = {}
+    total = 0.0
     for visit in visits:
         run = visit_profile(machine, job, visit)
-        # Block k ends at pose k + 1; the first pose of a stretch is where the one before ended.
-        purposes = np.concatenate([[stretch.purpose.value] * len(stretch.tip) for stretch in visit.stretches])[1:]
-        cutting = np.isin(purposes, (Purpose.SWEEP.value, Purpose.PASS.value))
+        total += run.total
         way = np.linalg.norm(np.diff(visit.tip, axis=0), axis=1)
-        kind = str(purposes[cutting][0])
-        before = cuts.get((kind, visit.cut))
-        cuts[kind, visit.cut] = CutTime(
-            f"{kind} {visit.cut}",
-            visit.tool,
-            int((cutting & (way > 0.0)).sum()) + (before.blocks if before else 0),
-            float(way[cutting].sum()) + (before.length_mm if before else 0.0),
-            float(run.seconds[cutting].sum()) + (before.seconds if before else 0.0),
-            run.total + (before.with_links if before else 0.0),
-        )
+        # Block k ends at pose k + 1; the first pose of a stretch is where the one before ended.
+        owner = np.concatenate([[stretch.cut] * len(stretch.tip) for stretch in visit.stretches])[1:]
+        purpose = np.concatenate([[stretch.purpose.value] * len(stretch.tip) for stretch in visit.stretches])[1:]
+        cutting = np.isin(purpose, (Purpose.SWEEP.value, Purpose.PASS.value))
+        numbers = dict.fromkeys(owner.tolist())
+        for cut in numbers:
+            own = owner == cut
+            chosen = own & cutting
+            kind = str(purpose[chosen][0])
+            before = cuts.get((kind, cut))
+            cuts[kind, cut] = CutTime(
+                f"{kind} {cut}",
+                visit.tool,
+                int((chosen & (way > 0.0)).sum()) + (before.blocks if before else 0),
+                float(way[chosen].sum()) + (before.length_mm if before else 0.0),
+                float(run.seconds[chosen].sum()) + (before.seconds if before else 0.0),
+                # Filtering adds its time once to what is run in one go.
+                float(run.seconds[own].sum()) + run.tail / len(numbers) + (before.with_links if before else 0.0),
+            )
     program = job.program.cycle32
     heights = [operation.cutter.length + operation.cutter.r_min for operation in path.operations]
     swing = program.t if program.ta is None else max(heights) * radians(program.ta)
-    travel = check_travel(machine, visits, mounting_of(job))
-    total = sum(cut.with_links for cut in cuts.values())
-    return PostSummary(machine, tuple(cuts.values()), total, POSTED_WITHIN, program.t + swing, travel)
+    return PostSummary(machine, tuple(cuts.values()), total, POSTED_WITHIN, program.t + swing, found.travel)
 
 
 def visit_profile(machine: Machine, job: Job, visit: VisitWords) -> Profile:

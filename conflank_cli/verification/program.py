@@ -71,7 +71,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class CutLabel:
-    """A stretch as the program labels it: "sweep" or "pass" opens a cut, "approach" or "retract" closes it."""
+    """A stretch as the program labels it: "sweep" or "pass" opens a cut, "approach", "retract" or "link" closes it."""
 
     kind: str
     number: int
@@ -195,7 +195,7 @@ class HeaderReader:
     def read(self, comment: str) -> CutLabel | None:
         """Take in one comment; returns the label if it is one."""
         text = comment.strip()
-        if found := re.fullmatch(r"(SWEEP|PASS|APPROACH|RETRACT)\s+(\d+)\b.*", text):
+        if found := re.fullmatch(r"(SWEEP|PASS|APPROACH|RETRACT|LINK)\s+(\d+)\b.*", text):
             return CutLabel(found[1].lower(), int(found[2]))
         if found := re.fullmatch(r"PART\s+(.*?)\s+FACE\s+([\d\s,]+)", text):
             # A long list of faces takes several lines.

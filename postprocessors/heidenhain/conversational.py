@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from postprocessors.facts import short
 from postprocessors.heidenhain.control import rotary_tolerance
@@ -15,7 +15,7 @@ from postprocessors.heidenhain.program import Dialect, rotary_words, signed, vec
 from postprocessors.heidenhain.rides import Ride
 from postprocessors.machines.machine import Machine
 from postprocessors.post import Post, ProgramFile, ProgramOptions, own_option
-from postprocessors.toolpath import Cutter, Purpose, ToolPath
+from postprocessors.toolpath import Cutter, Purpose, Stretch, ToolPath
 
 _CUTS = (Purpose.SWEEP, Purpose.PASS)
 _TCPM = ("FUNCTION TCPM F TCP AXIS POS PATHCTRL VECTOR", "FUNCTION RESET TCPM")
@@ -43,7 +43,7 @@ POST = Post(
     styles=tuple(_SWITCHES),
     write=write_conversational,
     splits=("none", "sweep", "tool"),
-    own={"decimal": "point", "structure": "off"},
+    own={"decimal": "point", "structure": "off", "radius": "off"},
 )
 
 
@@ -59,10 +59,10 @@ class Conversational(Dialect):
         self.vectors = options.style == "ln"
         self.structured = own_option(POST, options, "structure", "off", "on") == "on"
 
-    def structure(self, ride: Ride) -> Iterator[str]:
+    def structure(self, stretches: Sequence[Stretch]) -> Iterator[str]:
         """A structure block."""
         if self.structured:
-            stretch = next((each for each in ride.stretches if each.purpose in _CUTS), ride.stretches[0])
+            stretch = next((each for each in stretches if each.purpose in _CUTS), stretches[0])
             yield f"* - {stretch.purpose.name} {stretch.cut}"
 
     def opening(self, path: ToolPath) -> Iterator[str]:
@@ -115,6 +115,10 @@ class Conversational(Dialect):
     def first(self, pose: str) -> str:
         """At rapid, without compensation."""
         return f"{pose} R0 FMAX"
+
+    def sided(self, pose: str, side: str) -> str:
+        """After the coordinates."""
+        return f"{pose} {side}"
 
     def rapid(self, pose: str) -> str:
         """FMAX holds for its block only."""

@@ -19,6 +19,7 @@ from postprocessors.post import Post, ProgramFile, ProgramOptions, own_option
 from postprocessors.toolpath import Cutter, ToolPath
 
 LAST_BLOCK = 99999999
+_SIDES = {"R0": "G40", "RL": "G41", "RR": "G42"}
 STEP = 10
 """Between block numbers, so that blocks can be put in by hand; 1 where the numbers would not do."""
 
@@ -40,6 +41,7 @@ POST = Post(
     why="in ISO the control takes the tool axis from rotary words under M128 only; it has no LN and no FUNCTION TCPM",
     own={
         "decimal": "point",
+        "radius": "off",
         "datum": "G247 Q339=+{datum}",
         "shift": "G54 X{x} Y{y} Z{z}",
         "tolerance": "G62 T{t} P01 0 P02 {ta}",
@@ -116,6 +118,10 @@ class Iso(Dialect):
     def first(self, pose: str) -> str:
         """At rapid, without compensation."""
         return f"G00 G40 G90 {pose}"
+
+    def sided(self, pose: str, side: str) -> str:
+        """After the path condition."""
+        return f"{_SIDES[side]} {pose}"
 
     def rapid(self, pose: str) -> str:
         """Rapid."""

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
 
+from postprocessors.errors import PostError
 from postprocessors.facts import facts
 from postprocessors.heidenhain.control import BLOCK_LIMIT, DECIMALS, check_name, check_program, check_text
 from postprocessors.heidenhain.rides import Ride, rides_of
 from postprocessors.machines.machine import Machine
 from postprocessors.post import Post, ProgramFile, ProgramOptions, check_options, own_option
-from postprocessors.toolpath import Cutter, ToolPath
+from postprocessors.toolpath import Cutter, Purpose, Stretch, ToolPath
 
 _COMMENT = "; "
 _NUMBER_SPACE = 12
@@ -69,8 +70,8 @@ class Dialect(ABC):
     def retract(self, machine: Machine) -> str:
         """As far up as the machine goes."""
 
-    def structure(self, ride: Ride) -> Iterator[str]:
-        """What the control's list of contents shows of a ride, if anything."""
+    def structure(self, stretches: Sequence[Stretch]) -> Iterator[str]:
+        """What the control's list of contents shows of one cut, if anything."""
         return iter(())
 
     @abstractmethod
@@ -84,6 +85,10 @@ class Dialect(ABC):
     @abstractmethod
     def first(self, pose: str) -> str:
         """The first pose of a ride, at rapid, without compensation."""
+
+    @abstractmethod
+    def sided(self, pose: str, side: str) -> str:
+        """A pose from whose block on RL, RR or no compensation (R0) holds."""
 
     @abstractmethod
     def rapid(self, pose: str) -> str:
@@ -191,31 +196,44 @@ def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Di
 def _ride(ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
     """From the retracted position and back to it."""
     poses = dialect.poses(ride)
-    yield from dialect.structure(ride)
+    yield from dialect.structure([stretch for stretch in ride.stretches if stretch.cut == ride.stretches[0].cut])
     a, c = ride.turns[0]
     yield dialect.turn(f"{ride.letters[0]}{a:+.{DECIMALS}f} {ride.letters[1]}{c:+.{DECIMALS}f}", start=first)
     yield dialect.on
-    number, modal = 0, -1
+    number, modal, side = 0, -1, "R0"
+    sides = _sides(ride) if own_option(dialect.post, options, "radius", "off", "on") == "on" else {}
     for stretch in ride.stretches:
+        if stretch.purpose is Purpose.LINK:
+            yield from dialect.structure([other for other in ride.stretches if other.cut == stretch.cut])
         yield f"; {stretch.purpose.name} {stretch.cut}"
         for _ in range(len(stretch.tip)):
-            feed = ride.feed[number]
+            feed, pose = ride.feed[number], poses[number]
             if number == 0:
-                yield dialect.first(poses[0])
+                yield dialect.first(pose)
                 if first and options.coolant != "none":
                     yield options.coolant
-            elif poses[number] == poses[number - 1]:
-                pass
-            elif feed == 0:
-                yield dialect.rapid(poses[number])
-            elif feed == modal:
-                yield dialect.cut(poses[number], None)
-            else:
-                modal = feed
-                yield dialect.cut(poses[number], feed)
+            elif pose != poses[number - 1]:
+                cuts = stretch.purpose is Purpose.SWEEP or (stretch.purpose is Purpose.APPROACH and feed > 0)
+                asked = sides.get(stretch.cut, "R0") if cuts else "R0"
+                if asked != side:
+                    pose, side = dialect.sided(pose, asked), asked
+                if feed == 0:
+                    yield dialect.rapid(pose)
+                else:
+                    yield dialect.cut(pose, None if feed == modal else feed)
+                    modal = feed
             number += 1
+    if side != "R0":
+        found = f"radius compensation {side} to the last pose of cut {ride.stretches[-1].cut}"
+        raise PostError("[program] options.radius", found, "a retract after each sweep", "Leave the option off.")
     yield dialect.off
     yield dialect.retract(machine)
+
+
+def _sides(ride: Ride) -> dict[int, str]:
+    """RL or RR by cut: the tool is to the left of the contour where the material lies to the right."""
+    words = {"right": "RL", "left": "RR"}
+    return {stretch.cut: words[stretch.material] for stretch in ride.stretches if stretch.material}
 
 
 def signed(value: float) -> str:

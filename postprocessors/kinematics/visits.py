@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 class VisitWords(NamedTuple):
     """One stay at the part, N poses of it.
 
-    label: for messages; tool: its name; cut: its number; stretches: what it consists of; tip (N, 3) mm; words (N, 2)
-    degrees.
+    label: for messages; tool: its name; cut: number of its first cut; stretches: what it consists of; tip (N, 3) mm;
+    words (N, 2) degrees.
     """
 
     label: str
@@ -48,7 +48,10 @@ def visits_with_words(machine: Machine, path: ToolPath) -> tuple[VisitWords, ...
 def visit_label(stretches: tuple[Stretch, ...]) -> str:
     """How messages call a visit."""
     kind = "pass" if any(stretch.purpose is Purpose.PASS for stretch in stretches) else "sweep"
-    return f"{kind} {stretches[0].cut} with its approach"
+    first, last = stretches[0].cut, stretches[-1].cut
+    if first != last:
+        return f"cuts {first} to {last} with their links"
+    return f"{kind} {first} with its approach"
 
 
 def visit_axes(stretches: tuple[Stretch, ...]) -> Array:

@@ -473,3 +473,12 @@ def test_a_blank_is_never_too_thin() -> None:
     path = plan_to_toolpath(scene_of(), [upright()], AC)
     size = np.subtract(path.blank_high, path.blank_low)
     assert size.min() >= 1.0 and size.max() / size.min() < 200.0
+
+
+@pytest.mark.parametrize(("cutting", "material"), [("climb", "right"), ("conventional", "left")])
+def test_the_side_of_the_material_follows_from_the_feed(cutting: str, material: str) -> None:
+    """Metal to the east: on the right of who goes north, on the left of who goes south."""
+    path = plan_to_toolpath(scene_of(f'[program]\ncutting = "{cutting}"\n'), [upright()], AC)
+    (sweep,) = stretches_of(path, Purpose.SWEEP)
+    north = sweep.tip[-1, 1] > sweep.tip[0, 1]
+    assert sweep.material == material == ("right" if north else "left")

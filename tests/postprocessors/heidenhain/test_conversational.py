@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from conflank_cli.verification.conversational import read_conversational
 from postprocessors.errors import PostError
 from postprocessors.heidenhain.control import rotary_tolerance
 from postprocessors.heidenhain.conversational import write_conversational
@@ -326,3 +327,33 @@ def test_axes_whose_letters_do_not_tell_their_directions_are_described() -> None
     path = path_of(Operation(T1, cut(1, [-30.0, -30.5], [10.0, 11.0], (0.0, 0.0, 0.0))))
     text = write_program(path, msgspec.structs.replace(machine, rotary=(c, nutating)), OPTIONS)
     assert re.findall(r"; (ROTARY .*)\r", text) == ["ROTARY C 0 0 1", "ROTARY B 0 -0.707106781187 -0.707106781187"]
+
+
+@pytest.mark.parametrize(("material", "word"), [("right", "RL"), ("left", "RR")])
+def test_radius_compensation_holds_from_the_approach_to_the_retract(material: str, word: str) -> None:
+    """The tool is to the left of the contour (RL) where the material lies to the right of the feed."""
+    approach, sweep, retract = cut(1, [-30.0, -30.5, -31.0], [359.5, 0.0, 0.5], (0.0, 0.0, 0.0))
+    sided = replace(sweep, material=material)
+    path = path_of(Operation(T1, (approach, sided, retract, *cut(2, [-20.0, -20.0], [90.0, 91.0], (1.0, 0.0, 0.0)))))
+    plain = write_program(path, load_machine("ac-table"), OPTIONS)
+    text = write_program(path, load_machine("ac-table"), replace(OPTIONS, own={"radius": "on"}))
+    # Modal: once on the block that approaches, R0 once on the block that leaves; else the same program.
+    assert re.findall(r" (R[LR])[ \r]", text) == [word]
+    (on,) = (number for number, line in enumerate(text.splitlines()) if f" {word} F500" in line)
+    (off,) = (n for n, line in enumerate(text.splitlines()) if line.endswith(" R0 FMAX") and "; RETRACT 1" in
+              text.splitlines()[n - 1])  # fmt: skip
+    assert "; SWEEP 1" in text.splitlines()[on + 1] and on < off
+    assert text.replace(f" {word}", "").splitlines()[:off] == plain.splitlines()[:off]
+    one, other = read_conversational(text), read_conversational(plain)
+    assert not one.findings
+    np.testing.assert_array_equal(one.moves.point, other.moves.point)
+    # With a trim in the text the poses are not known any more, and the reader says so.
+    trimmed = read_conversational(text.replace("TOOL CALL 1 Z S3000", "TOOL CALL 1 Z S3000 DR+0.02"))
+    assert {finding.code for finding in trimmed.findings} == {"CF102"}
+
+
+def test_radius_compensation_needs_a_way_out() -> None:
+    approach, sweep, _ = cut(1, [-30.0, -30.5], [359.5, 0.0], (0.0, 0.0, 0.0))
+    path = path_of(Operation(T1, (approach, replace(sweep, material="left"))))
+    with pytest.raises(PostError, match="retract after each sweep"):
+        write_program(path, load_machine("ac-table"), replace(OPTIONS, own={"radius": "on"}))

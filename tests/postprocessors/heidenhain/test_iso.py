@@ -3,12 +3,14 @@ from dataclasses import replace
 
 import pytest
 
+from conflank_cli.verification.iso import read_iso
 from postprocessors.errors import PostError
 from postprocessors.heidenhain.conversational import write_conversational
 from postprocessors.heidenhain.iso import LAST_BLOCK, write_iso
 from postprocessors.machines.machine import load_machine
 from postprocessors.post import ProgramOptions
-from tests.postprocessors.heidenhain.test_conversational import OPTIONS, small_path
+from postprocessors.toolpath import Operation
+from tests.postprocessors.heidenhain.test_conversational import OPTIONS, T1, cut, path_of, small_path
 
 ISO = replace(OPTIONS, style="m128")
 
@@ -61,3 +63,13 @@ def test_blocks_that_differ_between_controls_are_options() -> None:
     assert "G247" not in text and "G62 *" not in text
     shifted = write(replace(ISO, datum=(1.0, 2.5, -3.0)))
     assert "N140 G54 X+1 Y+2.5 Z-3 *" in shifted and "G54 X+0 Y+0 Z+0 *" in shifted
+
+
+def test_radius_compensation_is_g41_until_g40() -> None:
+    approach, sweep, retract = cut(1, [-30.0, -30.5, -31.0], [359.5, 0.0, 0.5], (0.0, 0.0, 0.0))
+    path = path_of(Operation(T1, (approach, replace(sweep, material="right"), retract)))
+    (program,) = write_iso(path, load_machine("ac-table"), replace(ISO, own={"radius": "on"}))
+    cuts = [line for line in program.text.splitlines() if " X" in line and "G3" not in line]
+    assert ["G41" in line for line in cuts] == [False, True, False, False, False]
+    assert "G00 G40 X" in cuts[-1]
+    assert not read_iso(program.text).findings
