@@ -18,6 +18,7 @@ import pstats
 import re
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
@@ -255,7 +256,7 @@ def profile(console: Console, name: str, place: Place) -> None:
             job_figures("material", speed_stages.JOB, place.material, place)
         run = speed_stages.STAGES[name](speed_stages.Material(place.material)).usual().run
         run()
-    profiler = cProfile.Profile()
+    profiler = cProfile.Profile(time.thread_time)
     with patch.object(cores, "ThreadPoolExecutor", lambda count: InThisThread()), speed_stages.one_core():
         profiler.runcall(run)
     found: dict[tuple[str, int, str], tuple[int, int, float, float, Any]] = pstats.Stats(profiler).stats  # type: ignore[attr-defined]

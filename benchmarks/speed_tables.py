@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from benchmarks.growth import fitted_exponent
+from benchmarks.tables import markdown, result
 
 Figures = Mapping[str, Any]
 Cells = tuple[tuple[str, ...], list[list[str]]]
@@ -119,3 +120,14 @@ TABLES: dict[str, Callable[[Figures], Cells]] = {
     "stages": stage_rows,
     "growth": growth_rows,
 }
+
+
+def _block(rows: Callable[[Figures], Cells]) -> Callable[[], str]:
+    def text() -> str:
+        headings, cells = rows(result("speed.json"))
+        return markdown([f"<{headings[0]}", *headings[1:]], cells)
+
+    return text
+
+
+BLOCKS = {f"speed-{name}": _block(rows) for name, rows in TABLES.items()}
