@@ -37,7 +37,7 @@ from benchmarks.growth import LINEAR, fitted_exponent
 from benchmarks.process import ran
 from benchmarks.run import REPOSITORY
 from benchmarks.speed_tables import PARTS_OF_JOB, TABLES
-from benchmarks.verdicts import Part, Verdict, measured, table, table_console
+from benchmarks.verdicts import Part, Verdict, kept, measured, table, table_console
 from conflank_cli import cores
 
 DOCUMENT = "docs/speed.md"
@@ -222,7 +222,7 @@ def stage(place: Place, name: str) -> tuple[list[Verdict], Any]:
         (fitted_exponent(grown["sizes"], grown["seconds"]), against) for against, grown in figures["growth"].items()
     )
     verdicts = [
-        Verdict(f"{name}: steepest exponent, with {against}", "<= 1", f"{steepest:.2f}", steepest <= LINEAR),
+        Verdict(f"{name}: steepest exponent", "<= 1", f"{steepest:.2f}, with {against}", steepest <= LINEAR),
     ]
     if name == "footpoints":
         ratio = figures["wall_s"]["one"] / figures["wall_s"]["all"]
@@ -325,22 +325,17 @@ def save(figure: Figure, name: str) -> None:
     figure.savefig(PICTURES / name, dpi=100, metadata={"Software": None})
 
 
-def kept(file: Path, figures: dict[str, Any], verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """All figures in `file`, with new ones in the place of older ones, written."""
-    before = json.loads(file.read_bytes()) if file.exists() else {"stages": {}, "asked": {}}
-    every = before["stages"] | figures
-    new: dict[str, Any] = {
+def together(file: Path | None, figures: dict[str, Any], verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """All figures in a file of results, new ones in the place of older ones; None: only the new ones."""
+    before = json.loads(file.read_bytes()) if file is not None and file.exists() else {}
+    stages = before.get("stages", {}) | figures
+    return before | {
         "cores": cores.cores(),
         **{name: figures[name] for name in ("jobs", "peers") if name in figures},
-        "stages": {name: every[name] for name in speed_stages.STAGES if name in every},
+        "stages": {name: stages[name] for name in speed_stages.STAGES if name in stages},
+        "asked": before.get("asked", {}) | {verdict.what: verdict.asked for verdict in verdicts},
+        "verdicts": before.get("verdicts", {}) | kept(verdicts),
     }
-    # Which of a stage's growths is the steepest may change from run to run: one figure for each stage.
-    again = {verdict.what.split(":")[0] for verdict in verdicts if ": " in verdict.what}
-    asked = {what: row for what, row in before["asked"].items() if what.split(":")[0] not in again}
-    new["asked"] = asked | {verdict.what: [verdict.asked, verdict.found, verdict.reached] for verdict in verdicts}
-    document: dict[str, Any] = before | new
-    file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    return document
 
 
 NAMES = ("jobs", "peers", *speed_stages.STAGES)
@@ -365,8 +360,7 @@ def main(only: str | None, profiled: str | None, as_json: Path | None) -> None:
             **{name: partial(stage, place, name) for name in speed_stages.STAGES},
         }
         verdicts, figures = measured(console, "Speed", parts, only)
-    with tempfile.TemporaryDirectory() as temporary:
-        document = kept(as_json or Path(temporary) / "speed.json", figures, verdicts)
+    document = together(as_json, figures, verdicts)
     for name, rows in TABLES.items():
         if name in document or name in ("asked", "growth"):
             headings, cells = rows(document)
@@ -374,6 +368,8 @@ def main(only: str | None, profiled: str | None, as_json: Path | None) -> None:
             for row in cells:
                 printed.add_row(*row)
             console.print(printed)
+    if as_json is not None:
+        as_json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     if as_json is not None and set(document) >= {"jobs", "peers"}:
         save(growth_picture(document), "speed_growth.png")
         save(jobs_picture(document), "speed_jobs.png")

@@ -106,9 +106,9 @@ def job_rows(figures: Figures) -> Cells:
 def asked_rows(figures: Figures) -> Cells:
     """What is asked and what was found."""
     rows = [
-        [what, asked, found, "reached" if reached else "missed"]
-        for what, (asked, found, reached) in figures["asked"].items()
-        if asked
+        [what, figures["asked"][what], found, "reached" if reached else "missed"]
+        for what, (found, reached) in figures["verdicts"].items()
+        if figures["asked"][what]
     ]
     return ("figure", "asked", "found", "result"), rows
 

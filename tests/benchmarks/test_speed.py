@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 import time
@@ -17,9 +18,9 @@ from benchmarks import footpoints
 from benchmarks.growth import fitted_exponent
 from benchmarks.occ import occ_surface
 from benchmarks.process import ran
-from benchmarks.speed import BOTH_SIDES, InThisThread, kept, parts_of
+from benchmarks.speed import BOTH_SIDES, InThisThread, parts_of, together
 from benchmarks.speed_stages import NETS, STAGES, Load, grown, net, one_core
-from benchmarks.speed_tables import PARTS_OF_JOB, rounded
+from benchmarks.speed_tables import PARTS_OF_JOB, asked_rows, rounded
 from benchmarks.verdicts import Verdict
 from conflank_cli import cores
 from conflank_cli.job import parse_job
@@ -120,17 +121,15 @@ def test_job_of_both_sides_has_two_faces_and_three_tools() -> None:
 
 def test_figures_of_other_parts_are_kept(tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
-    first = {"posting": {"units": 1}, "jobs": [1]}
-    kept(file, first, [Verdict("posting: steepest exponent, with blocks", "<= 1", "1.2", False)])
-    verdicts = [Verdict("posting: steepest exponent, with faces", "<= 1", "0.9", True), Verdict("wall", "", "1", True)]
-    found = kept(file, {"posting": {"units": 2}, "footpoints": {"units": 3}}, verdicts)
+    before = together(None, {"posting": {"units": 1}, "jobs": [1]}, [Verdict("slope", "<= 1", "1.2", False)])
+    file.write_text(json.dumps(before), encoding="utf-8")
+    verdicts = [Verdict("slope", "<= 1", "0.9", True), Verdict("wall", "", "1", True)]
+    found = together(file, {"posting": {"units": 2}, "footpoints": {"units": 3}}, verdicts)
     assert found["jobs"] == [1]
     assert found["stages"] == {"footpoints": {"units": 3}, "posting": {"units": 2}}
     assert list(found["stages"]) == [name for name in STAGES if name in found["stages"]]
-    assert found["asked"] == {
-        "posting: steepest exponent, with faces": ["<= 1", "0.9", True],
-        "wall": ["", "1", True],
-    }
+    assert found["verdicts"] == {"slope": ["0.9", True], "wall": ["1", True]}
+    assert asked_rows(found)[1] == [["slope", "<= 1", "0.9", "reached"]]
 
 
 def test_large_numbers_are_short() -> None:
