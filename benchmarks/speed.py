@@ -327,7 +327,7 @@ def save(figure: Figure, name: str) -> None:
 
 def together(file: Path | None, figures: dict[str, Any], verdicts: Sequence[Verdict]) -> dict[str, Any]:
     """All figures in a file of results, new ones in the place of older ones; None: only the new ones."""
-    before = json.loads(file.read_bytes()) if file is not None and file.exists() else {}
+    before: dict[str, Any] = json.loads(file.read_bytes()) if file is not None and file.exists() else {}
     stages = before.get("stages", {}) | figures
     return before | {
         "cores": cores.cores(),

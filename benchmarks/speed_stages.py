@@ -117,7 +117,13 @@ def footpoints(material: Material) -> Stage:
     def load(shape: tuple[int, int], count: int, size: float) -> Load:
         projector = Projector.of(net(*shape))
         query = Query.random(np.random.default_rng(SEED), projector, count)
-        return Load(size, count, lambda: projector.project(query.points, *query.start))
+        found = projector.project(query.points, *query.start)
+
+        def run() -> None:
+            found.u[:], found.v[:] = query.start
+            projector.project_into(query.points, found)
+
+        return Load(size, count, run)
 
     def prepared(shape: tuple[int, int]) -> Load:
         surface = net(*shape)

@@ -17,16 +17,6 @@ from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import Verification
 
 
-def say_if_first(talk: Talk) -> None:
-    """Say what is being waited for where no compiled kernel is kept yet, wherever numba keeps them."""
-    from conflank_cli.geometry.kernels.footpoint import footpoints
-
-    # Where numba is told not to compile, there is nothing to wait for.
-    stats = getattr(footpoints, "stats", None)
-    if stats is not None and not any(Path(stats.cache_path).glob("*.nbi")):
-        talk.note("The kernels are compiled once, at the first run: about a minute more.")
-
-
 def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
     """Candidate sweeps and their summary.
 
@@ -36,7 +26,6 @@ def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
     """
     from conflank_cli.detection import detect
 
-    say_if_first(talk)
     with talk.timed("detect"):
         sweeps = detect(scene, talk.progress)
     if not sweeps:
@@ -136,7 +125,6 @@ def run_verify(
     """The judgement of a program, ours or foreign, with those that it calls."""
     from conflank_cli.verification.verify import verify_program
 
-    say_if_first(talk)
     # Whatever bytes a foreign program's comments hold, the hash must be that of the file.
     text = program.decode("utf-8", "surrogateescape")
     with talk.timed("verify"), talk.progress.stage("verify", 1) as stage:

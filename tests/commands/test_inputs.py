@@ -1,4 +1,4 @@
-"""What the stages say before they begin."""
+"""What commands say while they read their inputs."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 SCRIPT = """
 from pathlib import Path
-from conflank_cli.commands.stages import say_if_first
+from conflank_cli.commands.inputs import say_if_first
 from conflank_cli.geometry.kernels.footpoint import footpoints
 from conflank_cli.options import Talk
 from conflank_cli.progress import SilentProgress
