@@ -141,7 +141,7 @@ def jobs(place: Place) -> tuple[list[Verdict], Any]:
     both = place.folder / "both.toml"
     both.write_text(BOTH_SIDES, encoding="utf-8")
     place.compiled.mkdir(exist_ok=True)
-    first = job_figures("first run ever: one side, one tool", speed_stages.JOB, place.folder / "first", place)
+    first = job_figures("first run ever", speed_stages.JOB, place.folder / "first", place)
     one = job_figures("one side, one tool", speed_stages.JOB, place.material, place)
     two = job_figures("both sides, three tools", both, place.folder / "both", place)
     verdicts = [
@@ -329,13 +329,14 @@ def together(file: Path | None, figures: dict[str, Any], verdicts: Sequence[Verd
     """All figures in a file of results, new ones in the place of older ones; None: only the new ones."""
     before: dict[str, Any] = json.loads(file.read_bytes()) if file is not None and file.exists() else {}
     stages = before.get("stages", {}) | figures
-    return before | {
+    new: dict[str, Any] = {
         "cores": cores.cores(),
         **{name: figures[name] for name in ("jobs", "peers") if name in figures},
         "stages": {name: stages[name] for name in speed_stages.STAGES if name in stages},
         "asked": before.get("asked", {}) | {verdict.what: verdict.asked for verdict in verdicts},
         "verdicts": before.get("verdicts", {}) | kept(verdicts),
     }
+    return before | new
 
 
 NAMES = ("jobs", "peers", *speed_stages.STAGES)

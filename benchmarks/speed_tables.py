@@ -96,7 +96,7 @@ def job_rows(figures: Figures) -> Cells:
                 f"{found['wall_s']:.1f}",
                 f"{found['cpu_s']:.1f}",
                 f"{found['memory_mb']:.0f}",
-                *(f"{found['parts_s'].get(part, 0.0):.2f}" for part in PARTS_OF_JOB),
+                *(f"{found['parts_s'].get(part, 0.0):.1f}" for part in PARTS_OF_JOB),
                 f"{found['load']:.1f}",
             ]
         )
