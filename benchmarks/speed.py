@@ -30,6 +30,7 @@ from unittest.mock import patch
 import click
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from rich.console import Console
 
 from benchmarks import footpoints, readme, speed_stages
@@ -294,6 +295,9 @@ def growth_picture(figures: dict[str, Any]) -> Figure:
         axis.loglog([1.0, largest], [1.0, largest], "--", color="0.6", lw=1.0)
         axis.set_title(name, fontsize=10)
         axis.grid(True, which="both", alpha=0.25)
+        # Short axes would label every minor tick, one over the other.
+        for way in (axis.xaxis, axis.yaxis):
+            way.set_minor_formatter(NullFormatter())
         axis.legend(frameon=False, fontsize=7)
     for axis in axes[len(stages) :]:
         axis.set_axis_off()
