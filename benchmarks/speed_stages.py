@@ -131,7 +131,7 @@ def footpoints(material: Material) -> Stage:
 
     return Stage(
         "points",
-        lambda: load(USUAL_NET, 400_000, 400_000),
+        lambda: load(USUAL_NET, 1_000_000, 1_000_000),
         {
             "points": lambda: (load(USUAL_NET, count, count) for count in (20_000, 80_000, 320_000)),
             "control points of the net": lambda: (load(shape, 100_000, shape[0] * shape[1]) for shape in NETS),
