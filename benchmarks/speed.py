@@ -177,7 +177,7 @@ def peers(place: Place) -> tuple[list[Verdict], Any]:
             ours.per_second >= WARM_PER_SECOND,
         ),
         Verdict(
-            "their largest error, 1e-9 mm", f"<= {footpoints.REQUIRED_ACCURACY / 1e-9:g}", f"{error / 1e-9:.3f}",
+            "footpoints, largest error, 1e-9 mm", f"<= {footpoints.REQUIRED_ACCURACY / 1e-9:g}", f"{error / 1e-9:.3f}",
             error <= footpoints.REQUIRED_ACCURACY,
         ),
         *(
