@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: setup check test test-all bench first-user samples paper demo report-script clean
+.PHONY: setup check test test-all bench bench-speed first-user samples paper demo report-script clean
 
 setup: $(BIN)/conflank
 
@@ -39,6 +39,10 @@ bench: setup
 # The README in an empty folder, every command as it is printed: from nothing to a report, and its time.
 first-user: setup
 	$(BIN)/python -m benchmarks.first_user --json benchmarks/results/first_user.json
+
+# How fast everything is; rewrites docs/speed.md with its pictures. A machine with nothing else to do makes better figures.
+bench-speed: setup
+	$(BIN)/python -m benchmarks.speed --json benchmarks/results/speed.json
 
 # Everything in the repository that is made and not written: the sample parts (equal formulas give equal bytes), what the
 # tour's commands print, among them the main job, then pictures and tables. Review the changes and commit them.

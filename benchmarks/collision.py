@@ -43,23 +43,23 @@ SEED = 5
 WITHIN, RATE = 0.010, 1000.0
 
 
-def part_scene() -> tuple[Scene, CheckMesh]:
-    """The sample scene, and the whole part as a mesh of at least `TRIANGLES` triangles."""
+def part_scene(triangles: int = TRIANGLES) -> tuple[Scene, CheckMesh]:
+    """The sample scene, and the whole part as a mesh of at least so many triangles."""
     job = load_job(JOB)
     scene = load_scene(job, JOB.parent)
     whole = Collider.of(scene)
     corners = np.concatenate([body.tree.corners for body in whole.bodies])
-    while len(corners) < TRIANGLES:
+    while len(corners) < triangles:
         sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         order = np.argsort(-sides.max(axis=1))
-        halved, others = order[: TRIANGLES - len(corners)], order[TRIANGLES - len(corners) :]
+        halved, others = order[: triangles - len(corners)], order[triangles - len(corners) :]
         rows, side = np.arange(len(halved)), sides[halved].argmax(axis=1)
         a, b, c = (corners[halved][rows, (side + k) % 3] for k in range(3))
         middle = 0.5 * (a + b)
         pieces = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
         corners = np.concatenate([corners[others], *pieces])
-    triangles = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
-    return scene, CheckMesh(corners.reshape(-1, 3), triangles, np.zeros(len(corners), dtype=np.int32))
+    numbers = np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3)
+    return scene, CheckMesh(corners.reshape(-1, 3), numbers, np.zeros(len(corners), dtype=np.int32))
 
 
 def collider_of(scene: Scene, mesh: CheckMesh) -> Collider:

@@ -25,6 +25,7 @@ from rich.console import Console
 from benchmarks.blind_families import Family, blind_families
 from benchmarks.blind_search import CONTACTS, SPHERES, BlindSearch
 from benchmarks.envelopes import PATCH, cylinder, random_envelopes
+from benchmarks.growth import LINEAR, fitted_exponent
 from benchmarks.joined import joined_faces
 from benchmarks.run import PARTS, REPOSITORY, SEED
 from benchmarks.verdicts import Part, Verdict, kept, measured, table, table_console
@@ -51,8 +52,6 @@ MAP_DIFFERS = 0.01  # of the area, at most
 DETECTED = 0.95  # of what the blind search reaches, at least
 FEWER_FOOTPOINTS = 20.0
 SECONDS = 2.0
-# Slope of log time over log work: above it, growth is worse than linear (the rest is the scatter of a shared machine).
-LINEAR = 1.05
 # Points that a known patch is measured on, and a blade's detected patches.
 PATCH_POINTS = 1500
 PICTURE = REPOSITORY / "docs" / "pictures" / "detection_time.png"
@@ -413,11 +412,6 @@ def _explained(families: Sequence[Family], areas: Array) -> Iterator[list[str]]:
 
 
 # -- time ------------------------------------------------------------------------------------------------------------
-
-
-def fitted_exponent(work: Sequence[float], seconds: Sequence[float]) -> float:
-    """Slope of log seconds over log work, by least squares."""
-    return float(np.polyfit(np.log(work), np.log(seconds), 1)[0])
 
 
 def least_seconds(job: Scene, runs: int) -> tuple[float, float]:

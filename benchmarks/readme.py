@@ -15,11 +15,11 @@ from typing import Any
 
 import click
 
-from benchmarks import history, paper_tables
+from benchmarks import history, paper_tables, speed_tables
 from benchmarks.tables import RESULTS, fixed, markdown, result
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-FILES = ("README.md", "docs/method.md", "docs/tour.md", "docs/paper.md", "docs/history.md")
+FILES = ("README.md", "docs/method.md", "docs/tour.md", "docs/paper.md", "docs/history.md", "docs/speed.md")
 SAMPLE = "BLISK1.H.verification.json"
 
 _BLOCK = re.compile(r"<!-- figures:(?P<name>[\w-]+) -->\n(?P<body>.*?)<!-- /figures:(?P=name) -->", re.DOTALL)
@@ -224,6 +224,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "job": _job,
     "history": history.markdown_table,
     **paper_tables.BLOCKS,
+    **speed_tables.BLOCKS,
     **{
         f"tour-{block}": _tour(block)
         for block in ("inspect", "run", "plan", "program", "verify", "thicker", "findings", "send", "missing", "stages")

@@ -32,14 +32,19 @@ class Motion:
     p: Array
     q: Array
 
+    @property
+    def spline(self) -> BSpline:
+        """p(t) and q(t) side by side; made without SciPy's checks, which take longer than an evaluation."""
+        return BSpline.construct_fast(self.knots, np.hstack([self.p, self.q]), DEGREE)
+
     def ends(self, t: npt.ArrayLike, order: int = 0) -> tuple[Array, Array]:
         """Points p(t) and q(t), or their derivatives of the given order, each shape (len(t), 3)."""
-        both = BSpline(self.knots, np.hstack([self.p, self.q]), DEGREE)(np.asarray(t, dtype=np.float64), nu=order)
+        both = self.spline(np.asarray(t, dtype=np.float64), nu=order)
         return np.ascontiguousarray(both[..., :3]), np.ascontiguousarray(both[..., 3:])
 
     def restricted(self, start: float, end: float) -> Motion:
         """The same motion between two times, as a motion on [0, 1]: exact, by knot insertion."""
-        spline = BSpline(self.knots, np.hstack([self.p, self.q]), DEGREE)
+        spline = self.spline
         for t in (start, end):
             if 0.0 < t < 1.0:
                 present = int(np.sum(spline.t == t))

@@ -61,7 +61,7 @@ class Talk:
         """Say if verbose how long something took."""
         start = time.perf_counter()
         yield
-        self.detail(f"{title}: {time.perf_counter() - start:.1f} s")
+        self.detail(f"{title}: {time.perf_counter() - start:.2f} s")
 
 
 class NearestGroup(click.Group):

@@ -83,12 +83,9 @@ def _mesh_by_kernel(part: Part, faces: Sequence[PartFace], deflection: float) ->
                 "a face with an area and closed edges",
                 "Repair it in CAD, or list the faces to check without it ([part] check_faces).",
             )
-        vertices = np.array(
-            [
-                (p.X(), p.Y(), p.Z())
-                for p in (mesh.Node(i).Transformed(location.Transformation()) for i in range(1, mesh.NbNodes() + 1))
-            ]
-        )
+        placed = location.Transformation()
+        nodes = (mesh.Node(i).Transformed(placed) for i in range(1, mesh.NbNodes() + 1))
+        vertices = np.array([(p.X(), p.Y(), p.Z()) for p in nodes])
         corners = [mesh.Triangle(i) for i in range(1, mesh.NbTriangles() + 1)]
         triangles = np.array([(t.Value(1), t.Value(2), t.Value(3)) for t in corners], dtype=np.int32) - np.int32(1)
         pieces.append((vertices * part.scale, _turned(triangles, face.orientation)))

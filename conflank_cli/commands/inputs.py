@@ -51,11 +51,22 @@ def files_of(source: str, job: Job, folder: Path) -> list[Path]:
     return [folder / name for name in names] + ([] if source == STANDARD else [Path(source)])
 
 
+def say_if_first(talk: Talk) -> None:
+    """Say what is being waited for where no compiled kernel is kept yet, wherever numba keeps them."""
+    from conflank_cli.geometry.kernels.footpoint import footpoints
+
+    # Where numba is told not to compile, there is nothing to wait for.
+    stats = getattr(footpoints, "stats", None)
+    if stats is not None and not any(Path(stats.cache_path).glob("*.nbi")):
+        talk.note("The kernels are compiled once, at the first run: about a minute more.")
+
+
 def read_scene(job: Job, folder: Path, talk: Talk) -> Scene:
-    """The scene of a job; says what is odd about its obstacles."""
+    """The scene of a job; says what is odd about its obstacles, and first of all what else there is to wait for."""
     from conflank_cli.cad.obstacles import obstacle_notes
     from conflank_cli.cad.scene import load_scene
 
+    say_if_first(talk)
     scene = load_scene(job, folder)
     for text in obstacle_notes(scene):
         talk.note(f"note: {text}")

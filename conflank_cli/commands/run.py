@@ -58,7 +58,8 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
             check_output(out / name, inputs)
     # A machine that does not exist should not be found out after all the computing.
     machine_of(job)
-    scene = read_scene(job, folder, talk)
+    with talk.timed("read"):
+        scene = read_scene(job, folder, talk)
 
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from conflank_cli import geometry
 from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage
 from conflank_cli.errors import NumericalError
@@ -16,9 +15,6 @@ from conflank_cli.posting.summary import PostSummary
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import Verification
-
-KERNELS = Path(geometry.__file__).parent / "kernels" / "__pycache__"
-"""Where compiled kernels are kept, unless NUMBA_CACHE_DIR says otherwise."""
 
 
 def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
@@ -30,8 +26,6 @@ def run_detect(scene: Scene, talk: Talk) -> tuple[list[Sweep], dict[str, Any]]:
     """
     from conflank_cli.detection import detect
 
-    if not any(KERNELS.glob("*.nbi")):
-        talk.note("The kernels are compiled once, at the first run: about a minute more.")
     with talk.timed("detect"):
         sweeps = detect(scene, talk.progress)
     if not sweeps:

@@ -99,12 +99,16 @@ class Projector:
         foot, normal = np.empty((count, 3)), np.empty((count, 3))
         distance, flag = np.empty(count), np.empty(count, dtype=np.int64)
         found = Footpoints(u, v, foot, normal, distance, flag)
+        self.project_into(points, found)
+        return found
+
+    def project_into(self, points: Array, found: Footpoints) -> None:
+        """Project points (N, 3) from the u, v of `found`, into its arrays; new ones can cost half as much again."""
 
         def run(part: slice) -> None:
             kernel.footpoints(*self.spans, points[part], *(field[part] for field in found))
 
-        spread(run, count, WORTH_A_THREAD)
-        return found
+        spread(run, len(points), WORTH_A_THREAD)
 
 
 def _samples(breaks: Array) -> Array:

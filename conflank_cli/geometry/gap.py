@@ -7,7 +7,6 @@ from math import cos, factorial, sin
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
 
 from conflank_cli.geometry.kernels.swept_gap import gap_gradients, swept_gap, swept_gap_near
 from conflank_cli.motion import DEGREE, Motion
@@ -78,7 +77,7 @@ def gap_field(
 def polynomials_of(motion: Motion) -> tuple[Array, Array]:
     """The motion as the kernels read it: polynomials (spans, 4, 6) in each span's local parameter, breaks."""
     breaks = np.unique(motion.knots)
-    spline = BSpline(motion.knots, np.hstack([motion.p, motion.q]), DEGREE)
+    spline = motion.spline
     width = np.diff(breaks)[:, None]
     orders = range(DEGREE + 1)
     return np.stack([spline(breaks[:-1], nu=k) * width**k / factorial(k) for k in orders], axis=1), breaks

@@ -44,7 +44,8 @@ def values_at(knots: Array, t: Array) -> tuple[IntArray, Array]:
 def _rows_at(knots: Array, t: Array, orders: tuple[int, ...]) -> tuple[IntArray, list[Array]]:
     count = len(knots) - DEGREE - 1
     first = np.clip(np.searchsorted(knots, t, side="right") - 1, DEGREE, count - 1) - DEGREE
-    spline = BSpline(knots, np.eye(count), DEGREE)
+    # SciPy's checks take longer than the evaluation.
+    spline = BSpline.construct_fast(knots, np.eye(count), DEGREE)
     pick = first[:, None] + np.arange(DEGREE + 1)
     rows = [np.ascontiguousarray(np.take_along_axis(spline(t, nu=order), pick, axis=1)) for order in orders]
     return first.astype(np.int64), rows

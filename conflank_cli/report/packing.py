@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_LEVEL = 9
+# The levels above this one take four to ten times as long, for 0.7 % fewer bytes.
+_LEVEL = 7
 
 
 class Packer:
