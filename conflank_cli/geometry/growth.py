@@ -32,7 +32,7 @@ INSET = 0.3
 APART, MOST_TIMES, CLEAR_STEP = 2.0, 41, 0.15
 # It changes by no more than this from time to time, as a share of the way in between, so that the cut stays steady; and
 # a change by a share x costs so many mm2 x² for each mm of way: a hundredth of what a flute covers there, or two.
-STEEPEST, UNEVEN = 0.3, 5.0
+STEEPEST, UNEVEN = 0.6, 5.0
 # What a millimetre of slide has to bring at each time at least, mm2: what brings nothing is left.
 NEEDLESS = 0.01
 # Times at which the steadiness of a motion is looked at.

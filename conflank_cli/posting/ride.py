@@ -88,8 +88,8 @@ class Ride:
     def _of_ends(self, p: Array, q: Array) -> tuple[Array, Array]:
         axis = q - p
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        # |pq| differs from the tool's length by up to a micrometre; anchoring the middle halves what each end sees.
-        tip = 0.5 * (p + q) + (self.tool.tip_height - 0.5 * self.tool.length) * axis
+        # |pq| may be off the tool's length by micrometres: the swept gap, too, puts the cone at p.
+        tip = p + self.tool.tip_height * axis
         return self.frame.points(tip), self.frame.directions(axis)
 
 

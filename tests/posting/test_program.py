@@ -89,7 +89,7 @@ def pose_distance(tool: str, motion: Motion, tip: np.ndarray, axis: np.ndarray) 
     reach = cutter.length - cutter.tip_height
     p, q = motion.ends(np.linspace(0.0, 1.0, 20001))
     d = (q - p) / np.linalg.norm(q - p, axis=1, keepdims=True)
-    low = 0.5 * (p + q) - (0.5 * cutter.length - cutter.tip_height) * d
+    low = p + cutter.tip_height * d
     exact = np.hstack([low, low + reach * d])
     posted = np.hstack([tip, tip + reach * axis])
     nearest = cKDTree(exact).query(posted)[1]
@@ -102,6 +102,15 @@ def pose_distance(tool: str, motion: Motion, tip: np.ndarray, axis: np.ndarray) 
         ends = np.maximum(np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1))
         worst = np.minimum(worst, ends)
     return float(worst.max())
+
+
+def test_a_motion_longer_than_its_tool_is_posted_where_its_gap_is_computed() -> None:
+    """The swept gap puts the cone at p; |pq| may be off by micrometres."""
+    sweep = upright()
+    motion = sweep.motion
+    longer = replace(sweep, motion=replace(motion, q=motion.q + 0.005 * (motion.q - motion.p) / 24.0))
+    (stretch,) = stretches_of(post_program(scene_of(""), [longer])[1], Purpose.SWEEP)
+    assert pose_distance("T1", motion, stretch.tip, stretch.axis) < 1e-5
 
 
 @pytest.mark.parametrize("setup", ["", "[setup]\nrotate_deg = [20.0, -35.0, 110.0]\ntranslate = [5.0, -40.0, 12.5]\n"])
