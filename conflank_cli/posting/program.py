@@ -40,7 +40,15 @@ from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
 from postprocessors.kinematics.timing import unwound
-from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, choose_words, forward, runs_through, swing
+from postprocessors.kinematics.two_rotary import (
+    SWING_LIMIT,
+    Run,
+    choose_words,
+    forward,
+    runs_through,
+    swing,
+    within_range,
+)
 from postprocessors.machines.machine import Machine
 from postprocessors.post import ProgramFile
 from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPath
@@ -291,7 +299,7 @@ def _run_together(machine: Machine, runs: Sequence[Array]) -> int:
     good, bad = 1, len(runs) + 1
     while bad - good > 1:
         middle = len(runs) if bad > len(runs) else (good + bad) // 2
-        if runs_through(machine, Run("cuts with their links", np.vstack(runs[:middle]))):
+        if _can_run(machine, Run("cuts with their links", np.vstack(runs[:middle]))):
             good = middle
         else:
             bad = middle
@@ -304,7 +312,7 @@ def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link 
     The link begins at pose `first` of the run, which holds the cuts on both sides. None where the rotary axes cannot
     run through, or would whip around on the link.
     """
-    if not runs_through(machine, run):
+    if not _can_run(machine, run):
         return None
     words = choose_words(machine, [run])[0][first : first + len(link.tip)]
     if swing(machine, link.axis, words).max() > SWING_LIMIT:
@@ -317,12 +325,17 @@ def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link 
     return Link(tip, forward(machine, words))
 
 
+def _can_run(machine: Machine, run: Run) -> bool:
+    """Whether the machine can take every pose of a way and run through them."""
+    return bool(within_range(machine, run.axis).all()) and runs_through(machine, run)
+
+
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
     """The ways to the first pose of a piece, and from its last (read backwards)."""
     ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
     inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
     axis = np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]])
-    if not runs_through(machine, Run(piece.label, axis)):
+    if not _can_run(machine, Run(piece.label, axis)):
         # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
         inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
     return inward, outward

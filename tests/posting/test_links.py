@@ -10,12 +10,14 @@ from scipy.spatial.transform import Rotation, Slerp
 from conflank_cli.ball_pass import Pass
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.posting import plan_to_toolpath, post_program, summarize
+from conflank_cli.posting.links import Link
+from conflank_cli.posting.program import _by_rotary_axes
 from conflank_cli.tool import CATALOGUE
 from conflank_cli.verification.kinematics import CAD_FRAME
 from conflank_cli.verification.poses import build_cells, poses_on_part
 from conflank_cli.verification.program import Interpolation
 from conflank_cli.verification.reader import read_program
-from postprocessors.kinematics.two_rotary import SWING_LIMIT, swing
+from postprocessors.kinematics.two_rotary import SWING_LIMIT, Run, swing
 from postprocessors.kinematics.visits import visits_with_words
 from postprocessors.toolpath import Purpose
 from tests.posting.test_passes import pass_of
@@ -109,3 +111,13 @@ def test_links_save_time_and_leave_the_cuts_as_they_are() -> None:
         np.testing.assert_array_equal(one.tip, other.tip)
         np.testing.assert_array_equal(one.axis, other.axis)
     assert summarize(jobs[0].job, near).seconds < summarize(jobs[1].job, far).seconds
+
+
+@pytest.mark.parametrize(("most", "through"), [(119.0, True), (121.0, False)])
+def test_a_link_that_swings_out_of_range_is_none(most: float, through: bool) -> None:
+    """Cuts at 100 degrees of A, where 120 are the most, with a link whose axis swings on between them."""
+    tilt = np.radians([100.0, 110.0, most, 110.0, 100.0])
+    axis = np.stack([0.0 * tilt, np.sin(tilt), np.cos(tilt)], axis=1)
+    link = Link(np.arange(5.0)[:, None] * np.array([1.0, 0.0, 0.0]), axis)
+    run = Run("sweep 2", np.vstack([axis[:1], link.axis, axis[-1:]]))
+    assert (_by_rotary_axes(AC, run, link, 1) is not None) == through
