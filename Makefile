@@ -72,4 +72,4 @@ report-script:
 	cd conflank_cli/report/web && npm ci --ignore-scripts --no-audit --no-fund && npm run build
 
 clean:
-	rm -rf out .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf out .pytest_cache .mypy_cache .ruff_cache .hypothesis
