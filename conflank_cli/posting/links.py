@@ -181,10 +181,11 @@ def is_free(link: Link, ride: Ride | PassRide, screen: Screen, collider: Collide
     """Whether nothing is hit on a link between two cuts, and the cutter stays off everything on all of it."""
     pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
     tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    if not screen.free(*_in_cad(ride, tips, axes), ride.tool).all():
+    poses = _in_cad(ride, tips, axes)
+    if not screen.free(*poses, ride.tool).all():
         return False
     # The first two components are what cuts: ball and cone.
-    off = collider.poses(*_in_cad(ride, tips, axes), ride.tool).clearance[:, :2].min(axis=1)
+    off = collider.poses(*poses, ride.tool).clearance[:, :2].min(axis=1)
     if off.min() < KEPT * min(off[0], off[-1]):
         return False
     return collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear

@@ -127,7 +127,7 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     count = len(points)
     begin = np.full(count, start, dtype=np.float64)
     if len(cells.cells) == 0 or count == 0:
-        return Nearest(begin.copy(), np.full(count, -1, dtype=np.int64), np.zeros(count))
+        return Nearest(begin, np.full(count, -1, dtype=np.int64), np.zeros(count))
     cells = unbroken(cells)
     table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
     poses, reaches, wide_poses, wide_reaches = group_cells(table, body.low, body.high, body.radius)

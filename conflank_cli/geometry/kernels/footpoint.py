@@ -167,6 +167,19 @@ def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
 
 
 @njit(forceinline=True)
+def _tangents(x, y, z, a, b):
+    """Both tangents a step (a, b) away, by the second-order expansion of a `local_frame`."""
+    return (
+        x[1] + x[3] * a + x[4] * b,
+        y[1] + y[3] * a + y[4] * b,
+        z[1] + z[3] * a + z[4] * b,
+        x[2] + x[4] * a + x[5] * b,
+        y[2] + y[4] * a + y[5] * b,
+        z[2] + z[4] * a + z[5] * b,
+    )
+
+
+@njit(forceinline=True)
 def _line_step(gradient, second, metric):
     """Step along one parameter alone, and the size below which it is the last one."""
     if second > SAFELY_POSITIVE * metric:
@@ -281,12 +294,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
                 if abs(da) < EXPANDED and abs(db) < EXPANDED:
                     # Once more, with the gradient there of the second-order expansion of the surface: the error left
                     # is of third order, for a fourth of an evaluation.
-                    ax = x[1] + x[3] * da + x[4] * db
-                    ay = y[1] + y[3] * da + y[4] * db
-                    az = z[1] + z[3] * da + z[4] * db
-                    bx = x[2] + x[4] * da + x[5] * db
-                    by = y[2] + y[4] * da + y[5] * db
-                    bz = z[2] + z[4] * da + z[5] * db
+                    ax, ay, az, bx, by, bz = _tangents(x, y, z, da, db)
                     rx += 0.5 * (da * (x[1] + ax) + db * (x[2] + bx))
                     ry += 0.5 * (da * (y[1] + ay) + db * (y[2] + by))
                     rz += 0.5 * (da * (z[1] + az) + db * (z[2] + bz))
@@ -339,12 +347,7 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
             fx = x[0] + x[1] * da + x[2] * db + 0.5 * (x[3] * da * da + x[5] * db * db) + x[4] * da * db
             fy = y[0] + y[1] * da + y[2] * db + 0.5 * (y[3] * da * da + y[5] * db * db) + y[4] * da * db
             fz = z[0] + z[1] * da + z[2] * db + 0.5 * (z[3] * da * da + z[5] * db * db) + z[4] * da * db
-            ax = x[1] + x[3] * da + x[4] * db
-            ay = y[1] + y[3] * da + y[4] * db
-            az = z[1] + z[3] * da + z[4] * db
-            bx = x[2] + x[4] * da + x[5] * db
-            by = y[2] + y[4] * da + y[5] * db
-            bz = z[2] + z[4] * da + z[5] * db
+            ax, ay, az, bx, by, bz = _tangents(x, y, z, da, db)
             nx = ay * bz - az * by
             ny = az * bx - ax * bz
             nz = ax * by - ay * bx
