@@ -27,7 +27,7 @@ from conflank_cli.cad.scene import load_scene
 from conflank_cli.geometry.collision import COMPONENTS, Body, Collider
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.gap import polynomials_of
-from conflank_cli.geometry.screening import Margins
+from conflank_cli.geometry.outline import Margins
 from conflank_cli.job import load_job
 from conflank_cli.motion import fitted
 from conflank_cli.scene import Scene

@@ -26,7 +26,8 @@ from conflank_cli.geometry.kernels.collision import (
     poses_free,
     poses_least,
 )
-from conflank_cli.geometry.screening import SHORTEST, Margins, assembly
+from conflank_cli.geometry.outline import Margins, assembly
+from conflank_cli.geometry.screening import SHORTEST
 from conflank_cli.machine_frame import reachable_axes
 from conflank_cli.motion import Motion
 from conflank_cli.scene import Scene

@@ -12,13 +12,14 @@ from conflank_cli.copies import seen_from_first
 from conflank_cli.cores import spread
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.gap import travel
-from conflank_cli.geometry.kernels.clearance import assembly_slack
+from conflank_cli.geometry.kernels.clearance import poses_clear
+from conflank_cli.geometry.outline import COARSE, FINE, Margins, Outline
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import reachable_axes
 from conflank_cli.motion import Motion
 from conflank_cli.scene import Scene
-from conflank_cli.tool import Section, Tool
+from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -27,7 +28,7 @@ BoolArray = npt.NDArray[np.bool_]
 # Poses of a motion are judged this far apart, mm, at whatever end of the assembly moves most.
 STEP = 1.0
 # Poses from which that distance is taken.
-COARSE = 33
+SWINGS = 33
 # Points are at most this far apart, mm, and thinned to half of that: between them a ball of radius 1.5 in a fillet of
 # radius 2 could cut some 4 µm deeper, 7 µm at worst. Verification samples on its own and has the last word.
 POINT_SPACING = 0.4
@@ -39,37 +40,56 @@ LARGEST = 20.0
 RESERVE = 0.02
 # Edge of the cells that points are grouped in, mm: a few hundred cells on a blade, some twenty points in each.
 CELL = 2.0
+# And of the blocks that cells are grouped in, mm.
+BLOCK = 8.0
 # Shorter stretches than this are not worth a cut, mm of travel.
 SHORTEST = 3.0
 # Fewer poses than this are not worth a thread.
 WORTH_A_THREAD = 256
-# Slack above this does not matter, mm.
-ENOUGH = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class PointCells:
-    """Points (N, 3) sorted by cell, starts (C + 1,) of the cells, and bounding spheres: centres (C, 3), radii (C,)."""
+    """Points in cells of CELL, these in blocks of BLOCK, to be passed over as a whole.
+
+    Attributes
+    ----------
+    points: (N, 3), sorted by cell.
+    starts: (C + 1,) where each cell begins among them; centres (C, 3) and radii (C,) of their bounding spheres.
+    blocks: (B + 1,) where each block begins among the cells; block_centres (B, 3) and block_radii (B,) likewise.
+    """
 
     points: Array
     starts: IntArray
     centres: Array
     radii: Array
+    blocks: IntArray
+    block_centres: Array
+    block_radii: Array
 
     @classmethod
     def of(cls, points: Array) -> PointCells:
         """Group points (N, 3)."""
-        if not len(points):
-            return cls(np.zeros((0, 3)), np.zeros(1, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
-        key = np.floor((points - points.min(axis=0)) / CELL).astype(np.int64)
-        _, cell = np.unique(_packed(key), return_inverse=True)
+        key = np.floor((points - points.min(axis=0, initial=np.inf)) / CELL).astype(np.int64)
+        block = _packed(key // round(BLOCK / CELL))
+        _, cell = np.unique(np.stack([block, _packed(key)]), axis=1, return_inverse=True)
         order = np.argsort(cell, kind="stable")
         ordered = np.ascontiguousarray(points[order])
-        counts = np.bincount(cell)
-        starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        centres = np.stack([np.bincount(cell, points[:, k]) / counts for k in range(3)], axis=1)
-        away = np.linalg.norm(ordered - np.repeat(centres, counts, axis=0), axis=1)
-        return cls(ordered, starts, centres, np.maximum.reduceat(away, starts[:-1]))
+        starts = _starts(cell[order])
+        first = starts[:-1]
+        blocks = _starts(block[order][first])
+        return cls(ordered, starts, *_spheres(ordered, starts), blocks, *_spheres(ordered, starts[blocks]))
+
+    def clear(self, p: Array, d: Array, tool: Tool, margins: Margins, free: BoolArray) -> None:
+        """Take those poses (M, 3) out of the free ones (M,) at which a tool comes too near to a point."""
+        if not len(self.points):
+            return
+        outline = Outline.of(tool, margins, float(self.radii.max()), float(self.block_radii.max()))
+        poses_clear(
+            p, d, self.points, self.starts, self.centres, self.radii,
+            self.blocks, self.block_centres, self.block_radii,
+            outline.lowest, float(FINE), outline.squares, FINE / COARSE, outline.widest, free,
+        )  # fmt: skip
 
 
 def mesh_points(mesh: CheckMesh, spacing: float) -> Array:
@@ -117,19 +137,25 @@ def _within_reach(scene: Scene, points: Array, spacing: float) -> Array:
 
 def _packed(key: IntArray) -> IntArray:
     """One number for each row of a table of cell indices (N, 3)."""
-    low = key.min(axis=0)
-    size = key.max(axis=0) - low + 1
+    low = key.min(axis=0, initial=0)
+    size = key.max(axis=0, initial=0) - low + 1
     shifted = key - low
     return np.asarray((shifted[:, 0] * size[1] + shifted[:, 1]) * size[2] + shifted[:, 2])
 
 
-@dataclass(frozen=True, slots=True)
-class Margins:
-    """Distances to keep, mm, by component; negative: so much may be cut into."""
+def _starts(labels: IntArray) -> IntArray:
+    """Where runs of equal labels (N,) begin, and where the last ends."""
+    return np.flatnonzero(np.r_[True, labels[1:] != labels[:-1], True][: len(labels) + 1])
 
-    cutter: float
-    shank: float
-    holder: float
+
+def _spheres(points: Array, starts: IntArray) -> tuple[Array, Array]:
+    """Spheres about the middles of runs of points (N, 3): centres (C, 3), radii (C,)."""
+    if len(starts) < 2:
+        return np.zeros((0, 3)), np.zeros(0)
+    counts = np.diff(starts)
+    centres = np.add.reduceat(points, starts[:-1]) / counts[:, None]
+    away = np.linalg.norm(points - np.repeat(centres, counts, axis=0), axis=1)
+    return centres, np.maximum.reduceat(away, starts[:-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,8 +220,7 @@ class Screen:
                 (self.check, self.check_margins),
                 (self.obstacles, self.obstacle_margins),
             ):
-                if len(cells.points):
-                    free[part] &= _slack(cells, margins, tool, p[part], d[part], -slack) >= -slack
+                cells.clear(p[part], d[part], tool, margins.less(slack), free[part])
 
         spread(run, len(p), WORTH_A_THREAD if parallel else len(p))
         return free
@@ -203,7 +228,7 @@ class Screen:
     def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
         """The longest stretch of a motion that violates nothing, or None where there is none worth a cut."""
         # Where the axis swings, the top of the holder travels furthest.
-        p, q = motion.ends(np.linspace(0.0, 1.0, COARSE))
+        p, q = motion.ends(np.linspace(0.0, 1.0, SWINGS))
         high = p + tool.top / tool.length * (q - p)
         longest = max(float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum()) for x in (p, high))
         length = travel(motion)
@@ -218,48 +243,6 @@ class Screen:
         if (end - start) * length < SHORTEST:
             return None
         return motion if (start, end) == (0.0, 1.0) else motion.restricted(start, end)
-
-
-def assembly(tool: Tool) -> tuple[Array, tuple[str, ...]]:
-    """Cone, shank and holder as truncated cones (S, 4): heights of both ends, radii there; and each one's component."""
-    rows = [(0.0, tool.length, tool.r_min, tool.r_max)]
-    names = ["cutter"]
-    top = tool.length
-
-    def stack(sections: tuple[Section, ...], name: str) -> None:
-        nonlocal top
-        for section in sections:
-            rows.append((top, top + section.length, 0.5 * section.diameter_low, 0.5 * section.diameter_high))
-            names.append(name)
-            top += section.length
-
-    stack(tool.shank, "shank")
-    stack(tool.holder, "holder")
-    return np.array(rows), tuple(names)
-
-
-def _silhouette(sections: Array, ball: Array, margin: float, radii: Array) -> tuple[Array, float]:
-    """Largest radius with margin within reach of a cell, per millimetre of its centre, and the first height."""
-    reach = float(radii.max(initial=0.0)) + max(margin, 0.0) + 1.0
-    lowest = float(ball[0] - ball[1]) - reach
-    heights = lowest + np.arange(int(sections[:, 1].max() + reach - lowest) + 1)
-    rows = np.concatenate([sections, [[ball[0] - ball[1], ball[0] + ball[1], ball[1], ball[1]]]])
-    there = (rows[None, :, 0] < heights[:, None] + 1.0 + reach) & (rows[None, :, 1] > heights[:, None] - reach)
-    return np.where(there, rows[:, 2:].max(axis=1), 0.0).max(axis=1) + max(margin, 0.0), lowest
-
-
-def _slack(cells: PointCells, margins: Margins, tool: Tool, p: Array, d: Array, stop: float) -> Array:
-    """Least distance minus margin of poses (M,) to points, not searched further once below `stop`; at most ENOUGH."""
-    sections, component = assembly(tool)
-    ball = np.array([tool.ball_centre_height, tool.ball_radius])
-    limits = np.array([getattr(margins, name) for name in component])
-    silhouette, lowest = _silhouette(sections, ball, max(margins.cutter, *limits), cells.radii)
-    slack = np.full(len(p), ENOUGH)
-    assembly_slack(
-        p, d, cells.points, cells.starts, cells.centres, cells.radii, silhouette, lowest,
-        ball, margins.cutter, sections, limits, stop, slack,
-    )  # fmt: skip
-    return slack
 
 
 def longest_between(motion: Motion, times: Array) -> Motion | None:

@@ -10,7 +10,7 @@ import trimesh
 
 from conflank_cli.geometry.collision import COMPONENTS, Body, Collider
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.geometry.screening import Margins
+from conflank_cli.geometry.outline import Margins
 from conflank_cli.job import Margin
 from conflank_cli.verification.program import RETRACT_CHECKED
 from conflank_cli.verification.verify import verify_program
