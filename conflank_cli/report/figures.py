@@ -94,7 +94,7 @@ def convergence_figure(scene: Scene, sweeps: Sequence[Sweep]) -> Figure:
     allowance, tolerance = task.limits.allowance, scene.job.tolerance
 
     def gap(motion: Any, points: Array) -> Array:
-        return motion_gap(motion, tool, points, allowance)[0]
+        return motion_gap(motion, tool, points, allowance, np.inf)[0]
 
     final = gap(steps[-1][1], samples.points)
     served = samples.points[(final >= -tolerance.overcut) & (final <= tolerance.undercut)]

@@ -67,21 +67,31 @@ def distance_at(polynomials, breaks, t, x, y, z, cutter, axis):
 
 
 @njit(cache=True, nogil=True)
-def nearest_between(polynomials, breaks, low, high, x, y, z, cutter, axis):
-    """(least distance, time) of a point over poses from low to high; axis (6,) is overwritten.
+def nearest_between(polynomials, breaks, low, high, t, f, f_low, f_high, x, y, z, cutter, axis):
+    """(least distance, time) of a point over poses from low to high, t among them, where it is f, f_low and f_high.
 
-    Parabolas through the last three poses where they converge, golden section where not. At a pose on the border of
-    the bracket only where the distance falls towards it.
+    Parabolas through the last three poses where they converge, golden section where not; axis (6,) is overwritten.
 
     Source: Brent, Algorithms for Minimization without Derivatives (1973), chapter 5.
     """
     known = KNOWN * (high - low)
-    t = low + GOLDEN * (high - low)
-    f = distance_at(polynomials, breaks, t, x, y, z, cutter, axis)
+    first, f_first = (low, f_low) if f_low < f_high else (high, f_high)
     # Best, second best and the one before.
-    t2 = t3 = t
-    f2 = f3 = f
     step = last = 0.0
+    t2, f2 = first, f_first
+    if f <= f_first and low < t < high:
+        # In the valley already: the parabola through all three is the first guess.
+        t3, f3 = (high, f_high) if first == low else (low, f_low)
+        step = last = high - low
+    else:
+        # Where the distance does not fall from the nearer end on, that is the minimum: a motion that is too short.
+        t = low + 2.0 * known if first == low else high - 2.0 * known
+        if distance_at(polynomials, breaks, t, x, y, z, cutter, axis) >= f_first:
+            return f_first, first
+        t = low + GOLDEN * (high - low)
+        f = distance_at(polynomials, breaks, t, x, y, z, cutter, axis)
+        t2, f2 = t, f
+        t3, f3 = t, f
     for _ in range(MOST_STEPS):
         middle = 0.5 * (low + high)
         if abs(t - middle) <= 2.0 * known - 0.5 * (high - low):
@@ -124,7 +134,38 @@ def nearest_between(polynomials, breaks, low, high, x, y, z, cutter, axis):
                 t3, f3, t2, f2 = t2, f2, s, d
             elif d <= f3 or t3 in (t, t2):
                 t3, f3 = s, d
-    return f, t
+    # No step goes to the ends.
+    return (f_first, first) if f_first < f else (f, t)
+
+
+@njit(forceinline=True)
+def look(axes, k, x, y, z, cutter):
+    """Signed distance from a point to the cutter at the sampled pose k of axes (M, 6)."""
+    return cutter_distance(
+        x, y, z, axes[k, 0], axes[k, 1], axes[k, 2], axes[k, 3], axes[k, 4], axes[k, 5],
+        cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
+    )  # fmt: skip
+
+
+@njit(forceinline=True)
+def longest_step(axes, cutter):
+    """By how much no point of the cutter moves from one of the sampled poses (M, 6) to the next, mm.
+
+    A point at height h and r from the axis moves with the axis there, and by r with the turn of the axis; the axis
+    between p and q by no more than one of its ends, and beyond p by the turn more.
+    """
+    away = max(cutter[0] + cutter[3] * cutter[1] / cutter[2], cutter[5]) + cutter[5] - cutter[4]
+    longest = 1e-9
+    for k in range(axes.shape[0] - 1):
+        p = 0.0
+        q = 0.0
+        turn = 0.0
+        for a in range(3):
+            p += (axes[k + 1, a] - axes[k, a]) ** 2
+            q += (axes[k + 1, 3 + a] - axes[k, 3 + a]) ** 2
+            turn += (axes[k + 1, 3 + a] - axes[k, 3 + a] - axes[k + 1, a] + axes[k, a]) ** 2
+        longest = max(longest, np.sqrt(max(p, q)) + np.sqrt(turn) * away / cutter[3])
+    return 1.001 * longest
 
 
 @njit(cache=True, nogil=True)
@@ -141,32 +182,33 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
     axes = np.empty((samples + 1, 6))
     for k in range(samples + 1):
         pose(polynomials, breaks, k / samples, axes[k])
+    way = longest_step(axes, cutter)
     at = np.empty(6)
+    where = np.int64(0)
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
         z = points[i, 2]
-        best = np.inf
-        where = 0
-        for k in range(samples + 1):
-            a = axes[k]
-            d = cutter_distance(
-                x, y, z, a[0], a[1], a[2], a[3], a[4], a[5],
-                cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
-            )  # fmt: skip
+        # The pose nearest to the point before is near to this one too, and all that are too far for anything nearer to
+        # lie between are passed over.
+        best = look(axes, where, x, y, z, cutter)
+        k = np.int64(0)
+        while k <= samples:
+            d = look(axes, k, x, y, z, cutter)
             if d < best:
                 best = d
                 where = k
+            k += np.int64((d - min(best, reach)) / way) + 1 if d > reach else np.int64((d - best) / way) + 1
         time[i] = where / samples
         gap[i] = best
         if best > reach:
             continue
-        low = max(where - 1, 0) / samples
-        high = min(where + 1, samples) / samples
-        d, t = nearest_between(polynomials, breaks, low, high, x, y, z, cutter, at)
-        if d < best:
-            gap[i] = d
-            time[i] = t
+        before = max(where - 1, 0)
+        after = min(where + 1, samples)
+        gap[i], time[i] = nearest_between(
+            polynomials, breaks, before / samples, after / samples, time[i], best,
+            look(axes, before, x, y, z, cutter), look(axes, after, x, y, z, cutter), x, y, z, cutter, at,
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
@@ -182,15 +224,12 @@ def swept_gap_near(polynomials, breaks, window, points, cutter, gap, time):
         z = points[i, 2]
         low = max(time[i] - window, 0.0)
         high = min(time[i] + window, 1.0)
-        best, t = nearest_between(polynomials, breaks, low, high, x, y, z, cutter, at)
-        # Golden section does not look at the ends, which is where a motion that is too short has its minimum.
-        for end in (low, high):
-            d = distance_at(polynomials, breaks, end, x, y, z, cutter, at)
-            if d < best:
-                best = d
-                t = end
-        gap[i] = best
-        time[i] = t
+        gap[i], time[i] = nearest_between(
+            polynomials, breaks, low, high, time[i],
+            distance_at(polynomials, breaks, time[i], x, y, z, cutter, at),
+            distance_at(polynomials, breaks, low, x, y, z, cutter, at),
+            distance_at(polynomials, breaks, high, x, y, z, cutter, at), x, y, z, cutter, at,
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
