@@ -114,13 +114,13 @@ def fewest_cover(covers: BoolArray, areas: Array, errors: Array, target: float, 
     return max(candidates, key=merit)
 
 
-def shortlist(covers: BoolArray, areas: Array, errors: Array, count: int, least: float) -> list[int]:
-    """About `count` indices that belong to good covers: greedy covers in turn, each without those before."""
+def shortlist(covers: BoolArray, areas: Array, errors: Array, target: float, count: int, least: float) -> list[int]:
+    """About `count` indices that belong to good covers: `fewest_cover` in turn, each without those before."""
     open_ = np.ones(len(covers), dtype=np.bool_)
     chosen: list[int] = []
     while len(chosen) < count and open_.any():
         index = np.flatnonzero(open_)
-        found = index[greedy_cover(covers[index], areas, errors[index], 1.0, least)]
+        found = index[fewest_cover(covers[index], areas, errors[index], target, least)]
         if not len(found):
             break
         chosen.extend(int(k) for k in found)

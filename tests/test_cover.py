@@ -88,7 +88,7 @@ def test_gains_below_the_least_are_not_worth_it() -> None:
 def test_nothing_to_choose_from() -> None:
     assert greedy_cover(np.zeros((0, 12), dtype=np.bool_), EVEN, np.zeros(0), 0.9, 0.01) == []
     assert greedy_cover(sets([], []), EVEN, np.zeros(2), 0.9, 0.01) == []
-    assert shortlist(np.zeros((0, 12), dtype=np.bool_), EVEN, np.zeros(0), 5, 0.01) == []
+    assert shortlist(np.zeros((0, 12), dtype=np.bool_), EVEN, np.zeros(0), 1.0, 5, 0.01) == []
 
 
 def test_no_set_is_chosen_that_adds_nothing_even_where_any_gain_counts() -> None:
@@ -98,12 +98,12 @@ def test_no_set_is_chosen_that_adds_nothing_even_where_any_gain_counts() -> None
 def test_shortlist_takes_one_good_cover_after_the_other() -> None:
     covers = sets(range(6), range(6, 12), range(5), range(5, 12), [3])
     errors = np.array([1.0, 1.0, 2.0, 2.0, 0.0])
-    found = shortlist(covers, EVEN, errors, 4, 0.09)
+    found = shortlist(covers, EVEN, errors, 1.0, 4, 0.09)
     assert sorted(found[:2]) in ([0, 3], [2, 3])  # the best cover: the seven points first
     assert len(found) >= 4 and len(set(found)) == len(found)
     # Point 3 alone is 8 % of the area and below the least gain.
-    assert 4 not in shortlist(covers, EVEN, errors, 10, 0.09)
-    assert 4 in shortlist(covers, EVEN, errors, 10, 0.05)
+    assert 4 not in shortlist(covers, EVEN, errors, 1.0, 10, 0.09)
+    assert 4 in shortlist(covers, EVEN, errors, 1.0, 10, 0.05)
 
 
 def test_another_first_choice_can_save_a_set() -> None:

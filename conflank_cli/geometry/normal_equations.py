@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
-from conflank_cli.geometry.kernels.motion_error import add_rows
+from conflank_cli.geometry.kernels.banded import add_rows
 from conflank_cli.motion import DEGREE, Motion
 
 Array = npt.NDArray[np.float64]

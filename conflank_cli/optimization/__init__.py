@@ -34,10 +34,11 @@ POINTS = 2500
 POLISH_POINTS, POLISH_SPACING, MOST_POINTS = 4000, 0.8, 20000
 # Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
 SCREEN_SPACING = 0.8
-# Sweeps of every face and tool that are refined, and of those the ones that are grown: those in good covers, about so
-# many.
-REFINED, GROWN = 32, 12
-# And those that are slid where something is in their way: those that would be in good covers if nothing were.
+# Sweeps that are worked on at a time: those in good covers of a face with each of the tools and with all, about so many
+# for each. What has grown covers more, so that others complete it best: they are looked for anew so often, or until all
+# that would be chosen have been worked on.
+AT_A_TIME, ROUNDS = 3, 3
+# Sweeps of a face that are slid where something is in their way: those that would be in good covers if nothing were.
 RESCUED = 12
 # A sweep that adds less than this share of a face to a cover is not worth refining.
 LEAST_GAIN = 0.003
@@ -54,6 +55,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
     NumericalError: not one sweep came through.
     """
     limits = Limits.of(scene.job.tolerance)
+    target = scene.job.selection.coverage
     tasks = prepare(scene, {(sweep.face, sweep.tool) for sweep in sweeps})
     task_of = [tasks[sweep.face, sweep.tool] for sweep in sweeps]
     with threads() as pool:
@@ -72,23 +74,30 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         def worth(
             chosen: Sequence[int], count: int, title: str, gap: Callable[[int], Array], known: dict[int, Array]
         ) -> list[int]:
-            """Those of the chosen that make good covers, `count` of every face and tool or so, by their gaps."""
+            """Those of the chosen that make good covers, `count` of every face or so, by their gaps."""
             new = [k for k in chosen if k not in known]
             known.update(zip(new, side_by_side(title, gap, new), strict=True))
-            found: list[int] = []
-            for key, task in tasks.items():
-                own = [k for k in chosen if (sweeps[k].face, sweeps[k].tool) == key]
-                if own:
-                    found.extend(own[k] for k in _worth_more(task, np.array([known[k] for k in own]), count))
-            return found
+            found: dict[int, None] = {}
+            for group in groups(chosen):
+                of_group = np.array([known[k] for k in group])
+                found |= dict.fromkeys(group[k] for k in _worth_more(task_of[group[0]], of_group, target, count))
+            return list(found)
+
+        def groups(chosen: Sequence[int]) -> Iterator[list[int]]:
+            """Those of the chosen that may make a cover: of each face with each tool, and with all."""
+            for face in sorted({sweep.face for sweep in sweeps}):
+                own = [k for k in chosen if sweeps[k].face == face]
+                names = sorted({sweeps[k].tool for k in own})
+                for name in names:
+                    yield [k for k in own if sweeps[k].tool == name]
+                if len(names) > 1:
+                    yield own
 
         def judged(k: int) -> Array:
             return task_of[k].gaps(solutions[k].motion)
 
-        def better(chosen: Sequence[int], title: str, work: Callable[[int], Solution]) -> None:
-            for k, solution in zip(chosen, side_by_side(title, work, chosen), strict=True):
-                solutions[k] = solution
-                gaps.pop(k, None)
+        def improved(k: int) -> Solution:
+            return task_of[k].grown(task_of[k].refined(solutions[k], sweeps[k].motion), sweeps[k].motion)
 
         # What is slid comes beside what it is made of: which of the two makes the better cover is not known yet.
         able = worth(sound, RESCUED, "judge", lambda k: task_of[k].unscreened(solutions[k].motion), {})
@@ -99,10 +108,15 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         task_of += [task_of[k] for k, _ in rescued]
         solutions += [solution for _, solution in rescued]
 
-        refined = worth(sound, REFINED, "judge", judged, gaps)
-        better(refined, "refine", lambda k: task_of[k].refined(solutions[k], sweeps[k].motion))
-        grown = worth(refined, GROWN, "judge", judged, gaps)
-        better(grown, "grow", lambda k: task_of[k].grown(solutions[k], sweeps[k].motion))
+        done: set[int] = set()
+        for _ in range(ROUNDS):
+            chosen = [k for k in worth(sound, AT_A_TIME, "judge", judged, gaps) if k not in done]
+            if not chosen:
+                break
+            for k, solution in zip(chosen, side_by_side("grow", improved, chosen), strict=True):
+                solutions[k] = solution
+                del gaps[k]
+            done.update(chosen)
     if not sound:
         failed = sorted({solution.status for solution in solutions})
         reasons = "; ".join(STATUS[status] for status in failed)
@@ -150,10 +164,10 @@ def prepare(scene: Scene, keys: Iterable[tuple[int, str]]) -> dict[tuple[int, st
     return tasks
 
 
-def _worth_more(task: Task, gaps: Array, count: int) -> list[int]:
+def _worth_more(task: Task, gaps: Array, target: float, count: int) -> list[int]:
     covers = np.array([task.covered(gap) for gap in gaps])
     areas = task.samples.areas
-    return shortlist(covers, areas, mean_errors(covers, gaps, areas), count, LEAST_GAIN)
+    return shortlist(covers, areas, mean_errors(covers, gaps, areas), target, count, LEAST_GAIN)
 
 
 def _kept(sweep: Sweep) -> dict[str, float]:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
+from conflank_cli.geometry.kernels.banded import add_errors
 from conflank_cli.geometry.kernels.motion_error import motion_errors
 from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved
 from conflank_cli.geometry.workface import WorkFace
@@ -66,6 +67,9 @@ STATUS = {
 LONGEST_STEP, STILL = 1.0, 1e-5
 # With fewer samples on the face than this a motion has left it.
 LEAST_SAMPLES = 4
+# Of poses and heights one in so many will do while steps are to come, heights no fewer than the second figure: what is
+# made small there is smooth. Poses stay three to a control point.
+SPARSE, LEAST_HEIGHTS = 3, 8
 # Of the weight of a sample on the face: what a sample off it keeps, to hold the motion steady there.
 OFF_FACE = 0.01
 # Overcut is weighed up from this share of the tolerance on, so that the optimum stays inside it.
@@ -73,12 +77,16 @@ BARRIER_FROM, BARRIER_GAIN = 0.5, 40.0
 
 
 class Step(NamedTuple):
-    """One Gauss-Newton step: factors on mu2 and mu5 (fade) and mu4 (stiff), scale of stock left in mm, barrier."""
+    """One Gauss-Newton step: factors on mu2 and mu5 (fade) and mu4 (stiff), scale of stock left in mm, barrier.
+
+    sparse: whether part of the samples will do, since more steps are to come.
+    """
 
     fade: float
     stiff: float
     scale: float
     barrier: bool
+    sparse: bool = False
 
 
 def error_field(
@@ -144,13 +152,18 @@ def minimise(
     field: AxisErrorField | None = None
     start: Terms | None = None
     t = np.linspace(0.0, 1.0, samples[0])
-    basis = basis_at(motion.knots, t)
+    every = basis_at(motion.knots, t)
+    few = max(samples[0] // SPARSE, 3 * len(motion.p)), max(samples[1] // SPARSE, LEAST_HEIGHTS)
+    grid, basis = samples, every
     status = "iterations"
     used = 0
-    for fade, stiff, scale, barrier in schedule:
+    for fade, stiff, scale, barrier, sparse in schedule:
         used += 1
+        if (few if sparse else samples) != grid:
+            grid, field = (few, None) if sparse else (samples, None)
+            basis = basis_at(motion.knots, np.linspace(0.0, 1.0, few[0])) if sparse else every
         path = AxisPath.of(motion, tool, basis)
-        field, normal, fractions = error_field(face, tool, motion, limits.allowance, samples, field)
+        field, normal, fractions = error_field(face, tool, motion, limits.allowance, grid, field)
         there = field.on > 0.5
         if start is None:
             start = path.terms(_mean_square(field), 0.0)
@@ -158,9 +171,10 @@ def minimise(
             status = "lost"
             break
         w = sample_weights(field, limits, scale, barrier) * (weights.mu1 / there.sum())
-        rows = np.concatenate([(1.0 - fractions)[None, :, None] * normal, fractions[None, :, None] * normal], axis=2)
         equations = NormalEquations.of(len(motion.p))
-        equations.add(basis.first, basis.value, rows, field.error, w)
+        add_errors(
+            equations.band, equations.right, basis.first, basis.value, fractions, normal, field.error, w
+        )  # fmt: skip
         path.add(equations, weights, fade, stiff)
         try:
             step = equations.step()
@@ -170,10 +184,10 @@ def minimise(
         motion = moved(motion, step, LONGEST_STEP)
         if float(step.ravel() @ equations.right) < STILL * STILL and used == len(schedule):
             status = "converged"
-    field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field)
+    field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field if grid == samples else None)
     if np.sum(field.on > 0.5) < LEAST_SAMPLES:
         status = "lost"
-    end = AxisPath.of(motion, tool, basis).terms(_mean_square(field), way(motion, begin, t))
+    end = AxisPath.of(motion, tool, every).terms(_mean_square(field), way(motion, begin, t))
     return Solution(motion, field, used, status, start or end, end)
 
 

@@ -295,7 +295,8 @@ class Task:
 
     def _settled(self, motion: Motion, proximity: float = SETTLE_PROXIMITY) -> Solution:
         weights = replace(self.weights, mu3=self.weights.mu3 * proximity)
-        return self.minimised(motion, (self.schedule()[-1],) * SETTLE_STEPS, weights)
+        last = self.schedule()[-1]
+        return self.minimised(motion, (last._replace(sparse=True),) * (SETTLE_STEPS - 1) + (last,), weights)
 
     def schedule(self) -> tuple[Step, ...]:
         """Steps of Gauss-Newton.
@@ -305,10 +306,11 @@ class Task:
         meets a barrier, so that the last steps serve what is covered.
         """
         under = self.limits.under
-        steps = [Step(1.0, 1.0, SCALE_FIRST * under, False)] * PAPER_STEPS
+        steps = [Step(1.0, 1.0, SCALE_FIRST * under, False, sparse=True)] * PAPER_STEPS
         for k in range(1, FADE_STEPS + 1):
             scale = SCALE_FIRST * (SCALE_LAST / SCALE_FIRST) ** (k / FADE_STEPS) if self.polish else SCALE_FIRST
-            steps.append(Step(max(10.0**-k, LEAST_FADE), min(10.0 ** (k / 2), STIFFEST), scale * under, self.polish))
+            fade, stiff = max(10.0**-k, LEAST_FADE), min(10.0 ** (k / 2), STIFFEST)
+            steps.append(Step(fade, stiff, scale * under, self.polish, sparse=k < FADE_STEPS))
         return tuple(steps)
 
     def minimised(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.geometry.kernels.banded import add_path, axis_path
 from conflank_cli.geometry.normal_equations import Basis, NormalEquations
 from conflank_cli.motion import Motion
 from conflank_cli.tool import Tool
@@ -74,14 +75,13 @@ class AxisPath:
     @classmethod
     def of(cls, motion: Motion, tool: Tool, basis: Basis) -> AxisPath:
         """Evaluate a motion at the times of a basis."""
-        control = np.hstack([motion.p, motion.q])[basis.first[:, None] + np.arange(4)]
-        ends, slope, bend = (np.einsum("mk,mkc->mc", rows, control) for rows in basis[1:])
-        axis = ends[:, 3:] - ends[:, :3]
-        span = np.linalg.norm(axis, axis=1)
-        d = axis / span[:, None]
-        velocity = 0.5 * (slope[:, :3] + slope[:, 3:])
-        speed = np.linalg.norm(velocity, axis=1)
-        return cls(basis, bend, d, span - tool.length, velocity, speed, np.einsum("mk,mk->m", velocity, d) / speed)
+        m = len(basis.first)
+        path = cls(basis, np.empty((m, 6)), np.empty((m, 3)), np.empty(m), np.empty((m, 3)), np.empty(m), np.empty(m))
+        axis_path(
+            *basis, np.hstack([motion.p, motion.q]), tool.length,
+            path.bend, path.d, path.excess, path.velocity, path.speed, path.cosine,
+        )  # fmt: skip
+        return path
 
     @property
     def travel(self) -> float:
@@ -100,13 +100,9 @@ class AxisPath:
         optimum.
         """
         m = len(self.speed)
-        first, value, slope, bend = self.basis
-        unit = np.broadcast_to(np.eye(6), (m, 6, 6))
-        rigid = np.concatenate([-self.d, self.d], axis=1)[:, None, :]
-        equations.add(first, value, rigid, self.excess[:, None], np.full((m, 1), stiff * weights.mu4 / m))
-        equations.add(first, value, unit, np.zeros((m, 6)), np.full((m, 6), weights.mu3 / (2 * m)))
-        fair = np.full((m, 6), fade * weights.mu2 / (2 * m * self.travel**4))
-        equations.add(first, bend, unit, self.bend, fair)
         # The cosine is differentiated by the velocity only: the axis turns little while it is made orthogonal.
-        across = np.concatenate([self.d, self.d], axis=1)[:, None, :] * (0.5 / self.speed)[:, None, None]
-        equations.add(first, slope, across, self.cosine[:, None], np.full((m, 1), fade * weights.mu5 / m))
+        add_path(
+            equations.band, equations.right, *self.basis, self.bend, self.d, self.excess, self.speed, self.cosine,
+            stiff * weights.mu4 / m, weights.mu3 / (2 * m),
+            fade * weights.mu2 / (2 * m * self.travel**4), fade * weights.mu5 / m,
+        )  # fmt: skip

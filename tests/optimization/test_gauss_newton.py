@@ -11,8 +11,8 @@ from scipy.linalg import solveh_banded
 
 from benchmarks.envelopes import cylinder
 from benchmarks.envelopes import swept_gap as by_brute_force
-from conflank_cli.geometry.kernels.motion_error import add_rows
-from conflank_cli.geometry.normal_equations import basis_at
+from conflank_cli.geometry.kernels.banded import add_errors, add_rows
+from conflank_cli.geometry.normal_equations import NormalEquations, basis_at
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.optimization.gauss_newton import (
@@ -27,7 +27,7 @@ from conflank_cli.optimization.gauss_newton import (
     minimise,
     sample_weights,
 )
-from conflank_cli.optimization.terms import Weights
+from conflank_cli.optimization.terms import AxisPath, Weights
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.faces import design, envelope, known, work
 from tests.verification.scenes import plane_face
@@ -82,6 +82,56 @@ def test_banded_normal_equations_against_dense_ones() -> None:
     band[0] += 1.0
     expected = np.linalg.solve(2.0 * matrix + np.eye(6 * count), right)
     np.testing.assert_allclose(solveh_banded(band, right, lower=True), expected, atol=1e-9)
+
+
+def test_axis_errors_add_what_their_rows_add() -> None:
+    rng = np.random.default_rng(7)
+    count, m, n = 8, 20, 5
+    basis = basis_at(uniform_knots(count), np.linspace(0.0, 1.0, m))
+    s, normals, errors = rng.uniform(-0.2, 1.0, n), rng.normal(size=(m, n, 3)), rng.normal(size=(m, n))
+    weights = rng.uniform(0.0, 2.0, (m, n)) * (rng.random((m, n)) < 0.8)
+    rows = np.concatenate([(1.0 - s)[None, :, None] * normals, s[None, :, None] * normals], axis=2)
+    expected, found = NormalEquations.of(count), NormalEquations.of(count)
+    expected.add(basis.first, basis.value, rows, errors, weights)
+    add_errors(found.band, found.right, basis.first, basis.value, s, normals, errors, weights)
+    np.testing.assert_allclose(found.band, expected.band, atol=1e-12)
+    np.testing.assert_allclose(found.right, expected.right, atol=1e-12)
+
+
+def test_terms_of_a_motion_add_the_rows_of_their_residuals(exact: tuple[WorkFace, Tool, Motion]) -> None:
+    """Rigidity, proximity, fairness and orthogonality as residuals with their gradients, written out."""
+    _, tool, motion = exact
+    motion = Motion(motion.knots, motion.p + np.random.default_rng(8).normal(0.0, 0.3, motion.p.shape), motion.q)
+    t = np.linspace(0.0, 1.0, 40)
+    basis = basis_at(motion.knots, t)
+    path = AxisPath.of(motion, tool, basis)
+    (p, q), (slope_p, slope_q) = motion.ends(t), motion.ends(t, 1)
+    d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
+    velocity = 0.5 * (slope_p + slope_q)
+    speed = np.linalg.norm(velocity, axis=1)
+    cosine = np.sum(velocity * d, axis=1) / speed
+    bend = np.hstack(motion.ends(t, 2))
+    np.testing.assert_allclose(path.d, d, atol=1e-12)
+    np.testing.assert_allclose(path.excess, np.linalg.norm(q - p, axis=1) - tool.length, atol=1e-10)
+    np.testing.assert_allclose(path.velocity, velocity, atol=1e-10)
+    np.testing.assert_allclose(path.cosine, cosine, atol=1e-12)
+    np.testing.assert_allclose(path.bend, bend, atol=1e-7)
+
+    fade, stiff, m = 0.3, 7.0, len(t)
+    weights = Weights(1.0, 0.2, 0.03, 0.4, 0.5)
+    expected, found = NormalEquations.of(len(motion.p)), NormalEquations.of(len(motion.p))
+    unit = np.broadcast_to(np.eye(6), (m, 6, 6))
+    rigid, across = np.hstack([-d, d])[:, None], (0.5 * np.hstack([d, d]) / speed[:, None])[:, None]
+    for rows, own, residuals, weight in (
+        (basis.value, rigid, path.excess[:, None], stiff * weights.mu4 / m),
+        (basis.value, unit, np.zeros((m, 6)), weights.mu3 / (2 * m)),
+        (basis.bend, unit, bend, fade * weights.mu2 / (2 * m * speed.mean() ** 4)),
+        (basis.slope, across, cosine[:, None], fade * weights.mu5 / m),
+    ):
+        expected.add(basis.first, rows, own, residuals, np.full(residuals.shape, weight))
+    path.add(found, weights, fade, stiff)
+    np.testing.assert_allclose(found.band, expected.band, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.right, expected.right, rtol=1e-9, atol=1e-9)
 
 
 def test_gradient_of_the_axis_error_is_the_normal(exact: tuple[WorkFace, Tool, Motion]) -> None:

@@ -1,8 +1,7 @@
-"""The axis error of a motion on an m x n grid, and its share of the banded normal equations."""
+"""The axis error of a motion on an m x n grid."""
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from conflank_cli.geometry.kernels.axis import raster_value
@@ -57,43 +56,3 @@ def motion_errors(
                 else:
                     on[i, j] = raster_value(raster, breaks_u, breaks_v, a, b)
                 j += step
-
-
-@njit(cache=True, nogil=True)
-def add_rows(band, right, first, basis, rows, residuals, weights):
-    """Add weighted residual rows to the normal equations of cubic B-spline control points of p and q.
-
-    Row k at time i acts on control points first[i] .. first[i] + 3 with the basis values basis[i] (4,) times a vector
-    of 6 (p then q): its residual is residuals[i, k], its gradient rows[i, k] (6,), its weight weights[i, k].
-    band (24, 6 n): the lower band of the matrix, band[r, c] = M[c + r, c]; right (6 n,): minus the gradient.
-    """
-    block = np.empty((6, 6))
-    vector = np.empty(6)
-    for i in range(rows.shape[0]):
-        for a in range(6):
-            vector[a] = 0.0
-            for b in range(6):
-                block[a, b] = 0.0
-        for k in range(rows.shape[1]):
-            w = weights[i, k]
-            if w == 0.0:
-                continue
-            for a in range(6):
-                wa = w * rows[i, k, a]
-                vector[a] -= wa * residuals[i, k]
-                for b in range(a + 1):
-                    block[a, b] += wa * rows[i, k, b]
-        for a in range(6):
-            for b in range(a + 1, 6):
-                block[a, b] = block[b, a]
-        for c in range(4):
-            column = 6 * (first[i] + c)
-            for a in range(6):
-                right[column + a] += basis[i, c] * vector[a]
-            for r in range(c, 4):
-                factor = basis[i, c] * basis[i, r]
-                offset = 6 * (r - c)
-                for b in range(6):
-                    for a in range(6):
-                        if offset + a - b >= 0:
-                            band[offset + a - b, column + b] += factor * block[a, b]

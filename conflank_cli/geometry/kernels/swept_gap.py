@@ -184,7 +184,7 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
         pose(polynomials, breaks, k / samples, axes[k])
     way = longest_step(axes, cutter)
     at = np.empty(6)
-    where = np.int64(0)
+    where = 0
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
@@ -192,13 +192,13 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
         # The pose nearest to the point before is near to this one too, and all that are too far for anything nearer to
         # lie between are passed over.
         best = look(axes, where, x, y, z, cutter)
-        k = np.int64(0)
+        k = 0
         while k <= samples:
             d = look(axes, k, x, y, z, cutter)
             if d < best:
                 best = d
                 where = k
-            k += np.int64((d - min(best, reach)) / way) + 1 if d > reach else np.int64((d - best) / way) + 1
+            k += int((d - (min(best, reach) if d > reach else best)) / way) + 1
         time[i] = where / samples
         gap[i] = best
         if best > reach:
