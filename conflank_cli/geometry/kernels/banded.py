@@ -85,7 +85,7 @@ def add_errors(band, right, first, value, fractions, normals, errors, weights):
 
 @njit(cache=True, nogil=True)
 def axis_path(first, value, slope, bend, control, length, curvature, d, excess, velocity, speed, cosine):
-    """A motion of control points (n, 6) at m times; fills what `AxisPath` has: (m, 6), (m, 3), (m,), (m, 3), (m,), (m,).
+    """A motion of control points (n, 6) at m times: fills what `AxisPath` has of it, in the shapes named there.
 
     length: that of the axis, mm.
     """
