@@ -39,7 +39,7 @@ SCREEN_SPACING = 0.8
 # that would be chosen have been worked on.
 AT_A_TIME, ROUNDS = 3, 3
 # Sweeps of a face that are slid where something is in their way: those that would be in good covers if nothing were.
-RESCUED = 12
+RESCUED = 6
 # A sweep that adds less than this share of a face to a cover is not worth refining.
 LEAST_GAIN = 0.003
 
@@ -94,13 +94,16 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
                     yield own
 
         def judged(k: int) -> Array:
-            return task_of[k].gaps(solutions[k].motion)
+            motion = solutions[k].motion
+            allowed = task_of[k].screen.allowed(motion, task_of[k].tool)
+            return unscreened[k] if allowed is motion and k in unscreened else task_of[k].left_by(allowed)
 
         def improved(k: int) -> Solution:
             return task_of[k].grown(task_of[k].refined(solutions[k], sweeps[k].motion), sweeps[k].motion)
 
         # What is slid comes beside what it is made of: which of the two makes the better cover is not known yet.
-        able = worth(sound, RESCUED, "judge", lambda k: task_of[k].unscreened(solutions[k].motion), {})
+        unscreened: dict[int, Array] = {}
+        able = worth(sound, RESCUED, "judge", lambda k: task_of[k].unscreened(solutions[k].motion), unscreened)
         slid = list(side_by_side("rescue", lambda k: task_of[k].rescued(solutions[k]), able))
         rescued = [(k, solution) for k, solution in zip(able, slid, strict=True) if solution is not None]
         sound += range(len(sweeps), len(sweeps) + len(rescued))
@@ -116,6 +119,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
             for k, solution in zip(chosen, side_by_side("grow", improved, chosen), strict=True):
                 solutions[k] = solution
                 del gaps[k]
+                unscreened.pop(k, None)
             done.update(chosen)
     if not sound:
         failed = sorted({solution.status for solution in solutions})

@@ -46,6 +46,8 @@ ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
 # much, mm: the tool then stands less or more deeply in the passage, and cuts with another part of its flute.
 KEPT = 0.9
 CLEARING = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0, 4.0, -4.0, 8.0)
+# Such slides are compared on one sample in so many.
+FEW = 4
 # Scales of the polish on the swept gap, in stock tolerances; those of a candidate that nothing else has worked on, for
 # which one point in so many will do; and the factor on mu3.
 POLISH_SCALES = (3.0,) * 3 + (1.5,) * 3 + (1.0,) * 4
@@ -107,23 +109,31 @@ class Task:
         """
         motion, areas = solution.motion, self.samples.areas
 
-        def served(trial: Motion) -> float:
-            return float(areas[within(self.gaps(trial), self.limits)].sum())
+        few = self.samples.points[::FEW], areas[::FEW]
 
-        now = served(motion)
-        if now > KEPT * float(areas[within(self.unscreened(motion), self.limits)].sum()):
+        def served(trial: Motion | None) -> float:
+            if trial is None:
+                return 0.0
+            gaps = motion_gap(trial, self.tool, points, self.limits.allowance)[0]
+            return float(areas[within(gaps, self.limits)].sum())
+
+        def kept(trial: Motion) -> float:
+            return served(self.screen.allowed(trial, self.tool))
+
+        now = kept(motion)
+        if now > KEPT * served(motion):
             return None
         away = away_from(self.face, motion)
         moved = [slid(motion, self.tool, np.full(NODES, distance), away) for distance in CLEARING]
-        most = [served(trial) for trial in moved]
+        most = [kept(trial) for trial in moved]
         trials = [self._settled(moved[int(np.argmax(most))])] if max(most) > now else []
         put = self.refitted(motion)
         for _ in range(CLEARINGS):
             trials.append(self._settled(self._cleared(put), HELD_PROXIMITY))
             put = trials[-1].motion
         sound = [trial for trial in trials if not trial.failed and self._steady(trial.motion)]
-        best = max(sound, key=lambda trial: served(trial.motion), default=None)
-        return best if best is not None and served(best.motion) > now else None
+        best = max(sound, key=lambda trial: kept(trial.motion), default=None)
+        return best if best is not None and kept(best.motion) > now else None
 
     def refined(self, solution: Solution, candidate: Motion) -> Solution:
         """Finer knots and the polish on the swept gap.
@@ -201,7 +211,7 @@ class Task:
     def _served(self, motion: Motion) -> tuple[float, float, bool]:
         """Covered area in mm2, the mean |g| over it in mm, and whether nothing is in the way of the motion."""
         allowed = self.screen.allowed(motion, self.tool)
-        gaps = self._gaps(allowed)
+        gaps = self.left_by(allowed)
         covered = self.covered(gaps)
         areas = self.samples.areas[covered]
         mean = float(np.abs(gaps[covered]) @ areas / max(float(areas.sum()), 1e-12))
@@ -237,9 +247,10 @@ class Task:
 
     def gaps(self, motion: Motion) -> Array:
         """Swept gap less allowance (N,), mm, at the samples, of what the screen leaves of a motion; inf for nothing."""
-        return self._gaps(self.screen.allowed(motion, self.tool))
+        return self.left_by(self.screen.allowed(motion, self.tool))
 
-    def _gaps(self, allowed: Motion | None) -> Array:
+    def left_by(self, allowed: Motion | None) -> Array:
+        """The same of what the screen allows of a motion."""
         return np.full(len(self.samples.areas), np.inf) if allowed is None else self.unscreened(allowed)
 
     def unscreened(self, motion: Motion) -> Array:
@@ -296,7 +307,7 @@ class Task:
     def _settled(self, motion: Motion, proximity: float = SETTLE_PROXIMITY) -> Solution:
         weights = replace(self.weights, mu3=self.weights.mu3 * proximity)
         last = self.schedule()[-1]
-        return self.minimised(motion, (last._replace(sparse=True),) * (SETTLE_STEPS - 1) + (last,), weights)
+        return self.minimised(motion, (last,) * (SETTLE_STEPS - 1) + (last._replace(sparse=False),), weights)
 
     def schedule(self) -> tuple[Step, ...]:
         """Steps of Gauss-Newton.
@@ -310,7 +321,7 @@ class Task:
         for k in range(1, FADE_STEPS + 1):
             scale = SCALE_FIRST * (SCALE_LAST / SCALE_FIRST) ** (k / FADE_STEPS) if self.polish else SCALE_FIRST
             fade, stiff = max(10.0**-k, LEAST_FADE), min(10.0 ** (k / 2), STIFFEST)
-            steps.append(Step(fade, stiff, scale * under, self.polish, sparse=k < FADE_STEPS))
+            steps.append(Step(fade, stiff, scale * under, self.polish, sparse=True))
         return tuple(steps)
 
     def minimised(self, motion: Motion, steps: tuple[Step, ...], weights: Weights) -> Solution:
