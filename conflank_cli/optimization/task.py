@@ -107,9 +107,7 @@ class Task:
         settling takes that back. The best of them, settled, is then compared with the one that slides as far as it has
         to from time to time.
         """
-        motion, areas = solution.motion, self.samples.areas
-
-        few = self.samples.points[::FEW], areas[::FEW]
+        motion, points, areas = solution.motion, self.samples.points[::FEW], self.samples.areas[::FEW]
 
         def served(trial: Motion | None) -> float:
             if trial is None:
