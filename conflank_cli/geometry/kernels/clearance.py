@@ -39,7 +39,7 @@ def poses_clear(
     p (M, 3): axis points at height 0; d (M, 3): unit directions. points (N, 3) sorted by cell, starts (C + 1,) where
     each cell begins, centres (C, 3) and radii (C,) of their bounding spheres; blocks (B + 1,) where each block of cells
     begins, with spheres of their own. lowest, squares (H,) and widest (2, W): the outline of the assembly, with `fine`
-    and `coarse` entries in a millimetre. free (M,): changed in place.
+    and `coarse` entries in a millimetre. free (M,): changed in place. A pose that is not a number is near to nothing.
     """
     hit = np.int64(0)
     count = blocks.shape[0] - 1
@@ -58,7 +58,7 @@ def poses_clear(
                 px, py, pz, dx, dy, dz, block_centres[b, 0], block_centres[b, 1], block_centres[b, 2]
             )
             place = (z - lowest) * coarse
-            if place < 0.0 or place >= pieces:
+            if not 0.0 <= place < pieces:
                 continue
             reach = widest[1, np.int64(place)] + block_radii[b]
             if square > reach * reach:
@@ -66,7 +66,7 @@ def poses_clear(
             for c in range(blocks[b], blocks[b + 1]):
                 z, square = height_and_square(px, py, pz, dx, dy, dz, centres[c, 0], centres[c, 1], centres[c, 2])
                 place = (z - lowest) * coarse
-                if place < 0.0 or place >= pieces:
+                if not 0.0 <= place < pieces:
                     continue
                 reach = widest[0, np.int64(place)] + radii[c]
                 if square > reach * reach:
@@ -74,7 +74,7 @@ def poses_clear(
                 for i in range(starts[c], starts[c + 1]):
                     z, square = height_and_square(px, py, pz, dx, dy, dz, points[i, 0], points[i, 1], points[i, 2])
                     place = (z - lowest) * fine
-                    if place < 0.0 or place >= last:
+                    if not 0.0 <= place < last:
                         continue
                     j = np.int64(place)
                     if square < squares[j] + (place - j) * (squares[j + 1] - squares[j]):

@@ -198,7 +198,13 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
             if d < best:
                 best = d
                 where = k
-            k += int((d - (min(best, reach) if d > reach else best)) / way) + 1
+            k += 1
+            # Of a pose that is not a number nothing follows.
+            ahead = (d - (min(best, reach) if d > reach else best)) / way
+            if ahead >= samples:
+                break
+            if ahead > 1.0:
+                k += int(ahead)
         time[i] = where / samples
         gap[i] = best
         if best > reach:
