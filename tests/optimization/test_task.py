@@ -13,10 +13,10 @@ from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
-from conflank_cli.optimization import axis_error_facts, optimize
+from conflank_cli.optimization import axis_error_facts, optimize, prepare
 from conflank_cli.optimization.envelope_polish import Points
 from conflank_cli.optimization.gauss_newton import STATUS, AxisErrorField
-from conflank_cli.optimization.task import Task
+from conflank_cli.optimization.task import FINE_FEWEST, Task
 from conflank_cli.optimization.terms import Weights
 from conflank_cli.progress import SilentProgress
 from conflank_cli.sweep import Sweep
@@ -108,6 +108,23 @@ def test_a_sweep_that_stands_too_deep_is_slid_out(task: Task) -> None:
     assert 0.4 < float((high - low) @ d[0]) < 2.1
     # Settling would slide it back along its contact, into the plates.
     assert share(blocked, blocked.refined(found, found.motion).motion) > 0.9
+
+
+def test_only_sweeps_that_may_be_chosen_are_worked_on() -> None:
+    """Three parts of the exact motion that make up the face, and a short one within one of them."""
+    scene = envelope_scene(CASE)
+    keys = msgspec.structs.replace(scene.job.optimization, samples=(60, 16))
+    scene = replace(scene, job=msgspec.structs.replace(scene.job, optimization=keys))
+    spans = ((0.0, 0.4), (0.35, 0.75), (0.7, 1.0), (0.5, 0.58))
+    starts = [Sweep(0, CASE.tool.name, known(CASE).restricted(*span).respaced(8)) for span in spans]
+    found, _ = optimize(scene, starts, SilentProgress())
+    worked_on = [len(sweep.motion.p) >= FINE_FEWEST for sweep in found]
+    assert worked_on == [True, True, True, False]
+    tasks = prepare(scene, [(0, CASE.tool.name)])
+    task = tasks[0, CASE.tool.name]
+    shares = [task.samples.areas[task.covered(task.gaps(sweep.motion))].sum() for sweep in found]
+    assert max(shares[:3]) > 0.97 * task.samples.areas.sum()
+    assert shares[3] < 0.2 * task.samples.areas.sum()
 
 
 def test_facts_of_an_error_field() -> None:
