@@ -6,6 +6,7 @@ curves are carried over by `ParameterMap`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,8 @@ import numpy.typing as npt
 from conflank_cli.cad.loops import SAME_POINT, bounds, clip, rectangle, tidy
 from conflank_cli.cad.part import FaceGeometry
 from conflank_cli.cad.pcurves import ParameterCurve, chain, polylines
-from conflank_cli.cad.quadrature import surface_frames
 from conflank_cli.cad.sheet import Box, Sheet, clamp, close_smooth_seams, merge_near_knots
 from conflank_cli.errors import InputError
-from conflank_cli.geometry.surface import to_spans
 
 Array = npt.NDArray[np.float64]
 
@@ -104,7 +103,7 @@ def convert_face(face: Any, scale: float, where: str) -> FaceGeometry:
     surface = BRep_Tool.Surface_s(face)
     if surface is None:
         raise InputError(where, "a face without a surface", "a face with a surface", "Export the part again.")
-    sheet, map_u, map_v = _convert_surface(face, surface, where)
+    spline, sheet, map_u, map_v = _convert_surface(face, surface, where)
     poles = sheet.poles * scale
     if not np.all(np.isfinite(poles)) or (sheet.weights is not None and not np.all(sheet.weights > 0.0)):
         raise InputError(
@@ -122,27 +121,29 @@ def convert_face(face: Any, scale: float, where: str) -> FaceGeometry:
             sheet.period_v,
         )
     )
-    loops, edges = _trim_loops(face, sheet, map_u, map_v, where)
+    loops, edges = _trim_loops(face, sheet, map_u, map_v, _tangents(spline, sheet, scale), where)
     box = bounds(loops)
     return FaceGeometry(sheet, sheet.unwrapped(box), loops, box, edges)
 
 
-def _convert_surface(face: Any, surface: Any, where: str) -> tuple[Sheet, ParameterMap, ParameterMap]:
+def _convert_surface(face: Any, surface: Any, where: str) -> tuple[Any, Sheet, ParameterMap, ParameterMap]:
+    """The kernel's B-spline surface, the sheet of it (not scaled yet), and the way to their parameters."""
     from OCP.Geom import Geom_BSplineSurface, Geom_RectangularTrimmedSurface
     from OCP.GeomConvert import GeomConvert
 
     while isinstance(surface, Geom_RectangularTrimmedSurface):
         surface = surface.BasisSurface()
     if isinstance(surface, Geom_BSplineSurface):
-        return _sheet(surface), ParameterMap(), ParameterMap()
+        return surface, _sheet(surface), ParameterMap(), ParameterMap()
     bounded, shifts = _bounded(face, surface, where)
     exact = GeomConvert.SurfaceToBSplineSurface_s(bounded)
     size = _size(bounded)
     for arcs_u in _arcs(exact, "U"):
         for arcs_v in _arcs(exact, "V"):
             if _difference(bounded, exact, ParameterMap(0.0, arcs_u), ParameterMap(0.0, arcs_v)) <= EXACT * size:
-                return _sheet(exact), ParameterMap(shifts[0], arcs_u), ParameterMap(shifts[1], arcs_v)
-    return _approximate(bounded, where), ParameterMap(shifts[0]), ParameterMap(shifts[1])
+                return exact, _sheet(exact), ParameterMap(shifts[0], arcs_u), ParameterMap(shifts[1], arcs_v)
+    fit = _approximate(bounded, where)
+    return fit, _sheet(fit), ParameterMap(shifts[0]), ParameterMap(shifts[1])
 
 
 def _arcs(surface: Any, direction: str) -> list[Array | None]:
@@ -215,7 +216,7 @@ def _size(surface: Any) -> float:
     return float(max(points[0].Distance(point) for point in points))
 
 
-def _approximate(surface: Any, where: str) -> Sheet:
+def _approximate(surface: Any, where: str) -> Any:
     """A surface without exact B-spline form (most offsets), parameter for parameter."""
     from OCP.GeomAbs import GeomAbs_C1
     from OCP.GeomConvert import GeomConvert_ApproxSurface
@@ -231,7 +232,7 @@ def _approximate(surface: Any, where: str) -> Sheet:
             f"a surface with a B-spline form within {10.0 * APPROXIMATE_MM:g} mm",
             "Export it as a B-spline.",
         )
-    return _sheet(fit.Surface())
+    return fit.Surface()
 
 
 def _sheet(surface: Any) -> Sheet:
@@ -276,7 +277,12 @@ def _direction(surface: Any, name: str, degree: int, values: Array) -> tuple[Arr
 
 
 def _trim_loops(
-    face: Any, sheet: Sheet, map_u: ParameterMap, map_v: ParameterMap, where: str
+    face: Any,
+    sheet: Sheet,
+    map_u: ParameterMap,
+    map_v: ParameterMap,
+    tangents: Callable[[Array], Array],
+    where: str,
 ) -> tuple[tuple[Array, ...], int]:
     """Trim loops in the sheet's parameters, and the number of edges."""
     from OCP.BRep import BRep_Tool
@@ -305,13 +311,6 @@ def _trim_loops(
         explorer.Next()
     if not curves:
         return (rectangle(sheet.domain),), 0
-    ends = np.concatenate([curve.points(curve.stops) for curve in curves])
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    spans = to_spans(sheet.unwrapped((low[0], high[0], low[1], high[1])))
-
-    def tangents(points: Array) -> Array:
-        return surface_frames(spans, points[:, 0], points[:, 1])[:, 1:3]
-
     lines = polylines(curves, tangents)
     pieces = [line[::-1] if back else line for line, back in zip(lines, backward, strict=True)]
     loops = [chain([pieces[k] for k in members]) for members in wires if members]
@@ -319,6 +318,28 @@ def _trim_loops(
     if not loops:
         raise InputError(where, "a face of no area", "a face with an area", "Remove the face in CAD.")
     return tuple(loops), edges
+
+
+def _tangents(spline: Any, sheet: Sheet, scale: float) -> Callable[[Array], Array]:
+    """The tangents S_u, S_v in mm of a sheet at its parameters, (N, 2) -> (N, 2, 3), by the kernel from its surface."""
+    from OCP.gp import gp_Pnt, gp_Vec
+
+    def tangents(points: Array) -> Array:
+        place, along_u, along_v = gp_Pnt(), gp_Vec(), gp_Vec()
+        found = []
+        # A sheet repeats where its borders meet smoothly; the kernel may not know that its surface does.
+        u = _repeated(points[:, 0], sheet.domain[0], sheet.period_u)
+        v = _repeated(points[:, 1], sheet.domain[2], sheet.period_v)
+        for a, b in zip(u.tolist(), v.tolist(), strict=True):
+            spline.D1(a, b, place, along_u, along_v)
+            found.append((*along_u.Coord(), *along_v.Coord()))
+        return np.array(found).reshape(-1, 2, 3) * scale
+
+    return tangents
+
+
+def _repeated(x: Array, low: float, period: float | None) -> Array:
+    return x if period is None else low + (x - low) % period
 
 
 def _within(loops: list[Array], sheet: Sheet) -> list[Array]:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
 
 Array = npt.NDArray[np.float64]
 
@@ -63,6 +62,9 @@ def _taylor_rows(knots: Array, degree: int, values: Array, breaks: Array) -> Arr
 
     values (n, ...) are the B-spline coefficients; returns (spans, degree + 1, ...).
     """
+    # Here, for the process that reads CAD files makes surfaces, and has no other use for SciPy, slow to import.
+    from scipy.interpolate import BSpline
+
     spline = BSpline(knots, values, degree)
     width = np.diff(breaks)
     rows = np.empty((len(width), degree + 1, *values.shape[1:]))
