@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.cad.loops import bounds, inside
-from conflank_cli.cad.part import Part, PartFace
+from conflank_cli.cad.part import Part, PartFace, Triangles, turned
 from conflank_cli.cad.quadrature import surface_frames
-from conflank_cli.errors import InputError
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.surface import to_spans
 
 Array = npt.NDArray[np.float64]
-Triangles = npt.NDArray[np.int32]
 
-# Turn of the normal within a triangle: keeps triangles on thin tubes and edge radii from being long needles.
-ANGLE_RAD = 0.2
 # Grid lines a direction on a face that the CAD kernel does not mesh.
 LINES_AT_LEAST, LINES_AT_MOST = 5, 200
 
@@ -33,10 +28,10 @@ def mesh_faces(part: Part, faces: Sequence[PartFace], deflection: float) -> Chec
     """Triangulate faces within `deflection` mm; triangles counter-clockwise seen from outside."""
     if not faces:
         return empty_mesh()
-    if part.shape is None:
+    if part.triangulate is None:
         pieces = [_mesh_grid(face, deflection) for face in faces]
     else:
-        pieces = _mesh_by_kernel(part, faces, deflection)
+        pieces = part.triangulate([face.number for face in faces], deflection)
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in pieces[:-1]])
     return CheckMesh(
         np.concatenate([vertices for vertices, _ in pieces]),
@@ -50,53 +45,6 @@ def mesh_faces(part: Part, faces: Sequence[PartFace], deflection: float) -> Chec
     )
 
 
-def _mesh_by_kernel(part: Part, faces: Sequence[PartFace], deflection: float) -> list[tuple[Array, Triangles]]:
-    from OCP.BRep import BRep_Builder, BRep_Tool
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.BRepTools import BRepTools
-    from OCP.TopAbs import TopAbs_FACE
-    from OCP.TopExp import TopExp_Explorer
-    from OCP.TopLoc import TopLoc_Location
-    from OCP.TopoDS import TopoDS, TopoDS_Compound
-
-    shapes = []
-    explorer = TopExp_Explorer(part.shape, TopAbs_FACE)
-    while explorer.More():
-        shapes.append(TopoDS.Face(explorer.Current()))
-        explorer.Next()
-    compound = TopoDS_Compound()
-    builder = BRep_Builder()
-    builder.MakeCompound(compound)
-    for face in faces:
-        builder.Add(compound, shapes[face.number])
-    # A triangulation that came with the file has its own accuracy.
-    BRepTools.Clean_s(compound)
-    BRepMesh_IncrementalMesh(compound, deflection / part.scale, False, ANGLE_RAD, True)
-    pieces = []
-    for face in faces:
-        location = TopLoc_Location()
-        mesh = BRep_Tool.Triangulation_s(shapes[face.number], location)
-        if mesh is None:
-            raise InputError(
-                f"{part.file}: face {face.number}",
-                "a face that cannot be triangulated",
-                "a face with an area and closed edges",
-                "Repair it in CAD, or list the faces to check without it ([part] check_faces).",
-            )
-        placed = location.Transformation()
-        nodes = (mesh.Node(i).Transformed(placed) for i in range(1, mesh.NbNodes() + 1))
-        vertices = np.array([(p.X(), p.Y(), p.Z()) for p in nodes])
-        corners = [mesh.Triangle(i) for i in range(1, mesh.NbTriangles() + 1)]
-        triangles = np.array([(t.Value(1), t.Value(2), t.Value(3)) for t in corners], dtype=np.int32) - np.int32(1)
-        pieces.append((vertices * part.scale, _turned(triangles, face.orientation)))
-    BRepTools.Clean_s(compound)
-    return pieces
-
-
-def _turned(triangles: Triangles, orientation: int) -> Triangles:
-    return triangles if orientation > 0 else np.ascontiguousarray(triangles[:, ::-1])
-
-
 def _mesh_grid(face: PartFace, deflection: float) -> tuple[Array, Triangles]:
     """Triangles over a grid in the parameter plane and the points of the trim loops.
 
@@ -104,7 +52,7 @@ def _mesh_grid(face: PartFace, deflection: float) -> tuple[Array, Triangles]:
     """
     from scipy.spatial import Delaunay
 
-    geometry: Any = face.load()
+    geometry = face.load()
     spans = to_spans(geometry.surface)
     u0, u1, v0, v1 = bounds(geometry.loops)
     probe_u, probe_v = (axis.ravel() for axis in np.meshgrid(np.linspace(u0, u1, 33), np.linspace(v0, v1, 33)))
@@ -136,7 +84,7 @@ def _mesh_grid(face: PartFace, deflection: float) -> tuple[Array, Triangles]:
     triangles[backward] = triangles[backward][:, ::-1]
     parameters = points * scale + (u0, v0)
     vertices = surface_frames(spans, parameters[:, 0], parameters[:, 1])[:, 0]
-    return np.ascontiguousarray(vertices), _turned(triangles, face.orientation)
+    return np.ascontiguousarray(vertices), turned(triangles, face.orientation)
 
 
 def _dense(loop: Array, step: Array) -> Array:

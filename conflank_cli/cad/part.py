@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,9 @@ from conflank_cli.errors import InputError
 from conflank_cli.geometry.surface import BSplineSurface
 
 Array = npt.NDArray[np.float64]
+Triangles = npt.NDArray[np.int32]
+Piece = tuple[Array, Triangles]
+"""Triangles of one face: vertices (N, 3) in mm, and their numbers (M, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,9 @@ class Part:
     faces: all faces in the order of their numbers.
     sha256: of the file, hexadecimal.
     scale: factor on top of the file's own unit; it is in every face's geometry.
-    shape: the CAD kernel's shape before scaling, or None for a file that has no use for the kernel.
+    triangulate: (numbers of faces, deflection in mm) -> the triangles of each of them, counter-clockwise about its
+        oriented normal, made by the CAD kernel; None for a file that has no use for it. Raises InputError for a face
+        that cannot be triangulated.
     """
 
     name: str
@@ -79,7 +83,7 @@ class Part:
     faces: tuple[PartFace, ...]
     sha256: str
     scale: float
-    shape: Any = None
+    triangulate: Callable[[Sequence[int], float], list[Piece]] | None = None
 
     def face(self, wanted: int | str, place: str) -> PartFace:
         """The face of this number, name or colour.
@@ -116,6 +120,31 @@ class Part:
             f"{there}, or a number from 0 to {len(self.faces) - 1}",
             f"List the faces with `conflank inspect {self.file}`.",
         )
+
+    def to_check(self, design: Sequence[int | str], check: str | Sequence[int | str]) -> list[PartFace]:
+        """The faces that nothing may touch.
+
+        Parameters
+        ----------
+        design: number, name or colour of each design face.
+        check: "rest" for all faces but those, "none", or their own numbers, names or colours.
+
+        Raises
+        ------
+        InputError: as `face`.
+        """
+        if isinstance(check, str):
+            if check == "none":
+                return []
+            machined = {self.face(word, f"[[part.design]] {k} face").number for k, word in enumerate(design)}
+            return [face for face in self.faces if face.number not in machined]
+        chosen = [self.face(word, "[part] check_faces") for word in check]
+        return list({face.number: face for face in chosen}.values())
+
+
+def turned(triangles: Triangles, orientation: int) -> Triangles:
+    """Triangles of a face that are counter-clockwise about S_u x S_v, made so about its oriented normal."""
+    return triangles if orientation > 0 else np.ascontiguousarray(triangles[:, ::-1])
 
 
 def _listing(words: list[str]) -> str:

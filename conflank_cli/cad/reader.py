@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from conflank_cli.cad.part import FaceGeometry, Part, PartFace
+from conflank_cli.cad.triangulation import triangulate
 from conflank_cli.errors import InputError
 
 STEP_END = b"END-ISO-10303-21;"
@@ -86,7 +87,7 @@ def read_part(path: Path, scale: float = 1.0) -> Part:
             "at least one face",
             "Export surfaces or solids; wires, points and triangles are not enough.",
         )
-    return Part(path.stem, path.name, faces, sha256, scale, shape)
+    return Part(path.stem, path.name, faces, sha256, scale, partial(triangulate, shape, scale, path.name))
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from conflank_cli import job as jobs
 from conflank_cli.cad.loops import Box, bounds, clip, merge, rectangle, snap
 from conflank_cli.cad.mesh import mesh_faces
 from conflank_cli.cad.obstacles import read_obstacles
-from conflank_cli.cad.part import FaceGeometry, Part, PartFace
+from conflank_cli.cad.part import FaceGeometry, Part
 from conflank_cli.cad.quadrature import trimmed_area
 from conflank_cli.cad.reader import read_part
+from conflank_cli.cad.triangulation import DEFLECTION_MM
 from conflank_cli.errors import InputError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.scene import Scene
@@ -27,20 +29,21 @@ SAME = 1.0e-9
 WHOLE = (0.0, 1.0, 0.0, 1.0)
 
 
-def load_scene(job: jobs.Job, folder: Path) -> Scene:
+def load_scene(job: jobs.Job, folder: Path, part_of: Callable[[], Part] | None = None) -> Scene:
     """Read the part of a job and resolve everything that stages need.
 
     Parameters
     ----------
     job: the job.
     folder: what the job's paths are relative to.
+    part_of: where the part comes from (`KernelProcess.read`) unless it is to be read here.
 
     Raises
     ------
     InputError: as `read_part`, `resolve_faces`, `check_mesh`, `read_obstacles` and `Job.resolved_tools`.
     """
     tools = job.resolved_tools()
-    part = read_part(folder / job.part.file, job.part.scale)
+    part = read_part(folder / job.part.file, job.part.scale) if part_of is None else part_of()
     obstacles, hashes = read_obstacles(job, folder)
     return Scene(
         job,
@@ -65,21 +68,12 @@ def resolve_faces(part: Part, wanted: jobs.Part) -> tuple[DesignFace, ...]:
     return tuple(_design_face(part, design, index) for index, design in enumerate(wanted.design))
 
 
-def check_mesh(part: Part, wanted: jobs.Part, deflection: float = 0.02) -> CheckMesh:
+def check_mesh(part: Part, wanted: jobs.Part, deflection: float = DEFLECTION_MM) -> CheckMesh:
     """Triangles of the faces that nothing may touch, within `deflection` mm.
 
     "rest" is every face that is not a design face; a face of which only a region is one is a design face.
     """
-    if isinstance(wanted.check_faces, str):
-        if wanted.check_faces == "none":
-            return mesh_faces(part, (), deflection)
-        design = {part.face(item.face, _place(k)).number for k, item in enumerate(wanted.design)}
-        return mesh_faces(part, [face for face in part.faces if face.number not in design], deflection)
-    chosen: dict[int, PartFace] = {}
-    for item in wanted.check_faces:
-        face = part.face(item, "[part] check_faces")
-        chosen[face.number] = face
-    return mesh_faces(part, list(chosen.values()), deflection)
+    return mesh_faces(part, part.to_check([item.face for item in wanted.design], wanted.check_faces), deflection)
 
 
 def _place(index: int) -> str:

@@ -27,14 +27,16 @@ def detect(
 
     JOB is a job file in TOML (docs/file-formats.md lists its keys).
     """
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
+    from conflank_cli.output import check_output
+
+    kernel = start_kernel()
     from msgspec.structs import replace
 
     from conflank_cli.artifacts import write_artifact
     from conflank_cli.commands.documents import of_stage, print_document, refuse_both
-    from conflank_cli.commands.inputs import files_of, read_job, read_scene
     from conflank_cli.commands.stages import run_detect
     from conflank_cli.commands.tables import stage_table
-    from conflank_cli.output import check_output
 
     refuse_both(as_json, output, "the candidates")
     job, folder = read_job(source)
@@ -42,7 +44,7 @@ def detect(
         job = replace(job, detection=replace(job.detection, density=density))
     inputs = files_of(source, job, folder)
     check_output(output, inputs, binary=True)
-    scene = read_scene(job, folder, talk)
+    scene = read_scene(job, folder, talk, kernel, ["conflank_cli.detection"])
     sweeps, summary = run_detect(scene, talk)
     write_artifact("candidates", scene, sweeps, summary, output, inputs)
     talk.note(stage_table(scene, sweeps))

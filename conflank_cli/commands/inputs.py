@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import click
 
 from conflank_cli.options import Talk
 from conflank_cli.output import STANDARD
 
 if TYPE_CHECKING:
+    from conflank_cli.cad.kernel_process import KernelProcess
     from conflank_cli.job import Job
     from conflank_cli.scene import Scene
 
@@ -61,13 +66,30 @@ def say_if_first(talk: Talk) -> None:
         talk.note("The kernels are compiled once, at the first run: about a minute more.")
 
 
-def read_scene(job: Job, folder: Path, talk: Talk) -> Scene:
-    """The scene of a job; says what is odd about its obstacles, and first of all what else there is to wait for."""
+def start_kernel() -> KernelProcess:
+    """The process that reads a CAD file for this command, and ends with it; to be called as early as can be."""
+    from conflank_cli.cad.kernel_process import KernelProcess
+
+    return click.get_current_context().with_resource(KernelProcess())
+
+
+def read_scene(job: Job, folder: Path, talk: Talk, kernel: KernelProcess, meanwhile: Sequence[str] = ()) -> Scene:
+    """The scene of a job; says what is odd about its obstacles, and first of all what else there is to wait for.
+
+    meanwhile: modules that the command will need; they are imported while the kernel's process reads.
+    """
+    from conflank_cli.cad.kernel_process import Wanted
+
+    part = job.part
+    design = [item.face for item in part.design]
+    part_of = kernel.read(Wanted(folder / part.file, part.scale, design, part.check_faces))
     from conflank_cli.cad.obstacles import obstacle_notes
     from conflank_cli.cad.scene import load_scene
 
+    for name in meanwhile:
+        import_module(name)
     say_if_first(talk)
-    scene = load_scene(job, folder)
+    scene = load_scene(job, folder, part_of)
     for text in obstacle_notes(scene):
         talk.note(f"note: {text}")
     return scene

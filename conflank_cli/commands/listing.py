@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from conflank_cli.artifacts.npz import decode_contents, document_text, read_source
+from conflank_cli.cad.kernel_process import KernelProcess, Wanted
 from conflank_cli.commands.plan_map import summary_tables
 from conflank_cli.commands.tables import cell_text, judgement, text_table
 from conflank_cli.errors import InputError
@@ -116,13 +117,14 @@ def list_verification(source: str, as_json: bool) -> str:
     return found.to_json().decode() if as_json else judgement(found) + "\n"
 
 
-def list_part(source: str, as_json: bool) -> str:
-    """The faces of a part as a table or JSON."""
-    # What reads parts loads compiled kernels, which an artifact has no use for.
+def list_part(source: str, as_json: bool, kernel: KernelProcess | None) -> str:
+    """The faces of a part as a table or JSON; it is read by the CAD kernel's process where there is one."""
+    part_of = None if kernel is None else kernel.read(Wanted(Path(source)))
+    # What describes parts loads compiled kernels, which an artifact has no use for.
     from conflank_cli.cad.inspection import describe
     from conflank_cli.cad.reader import read_part
 
-    part = read_part(Path(source))
+    part = read_part(Path(source)) if part_of is None else part_of()
     reports = describe(part)
     if as_json:
         content = {"file": part.file, "sha256": part.sha256, "units": {"length": "mm"}, "faces": reports}

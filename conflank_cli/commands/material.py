@@ -166,7 +166,7 @@ def _recognised(source: str) -> tuple[str, Any]:
 
 
 def _job_of(given: _Given, talk: Talk) -> _Job:
-    from conflank_cli.commands.inputs import files_of, read_job, read_scene
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
 
     if given.artifact is not None:
         if given.job is not None:
@@ -181,8 +181,9 @@ def _job_of(given: _Given, talk: Talk) -> _Job:
             raise UsageError(where, f"{contents.kind}, of which there is no program yet", "a plan", "Name a plan.")
         return _Job(contents.scene, None, (), ())
     if given.job is not None:
+        kernel = start_kernel()
         job, folder = read_job(given.job)
-        return _Job(read_scene(job, folder, talk), None, (), tuple(files_of(given.job, job, folder)))
+        return _Job(read_scene(job, folder, talk, kernel), None, (), tuple(files_of(given.job, job, folder)))
     raise UsageError(
         "FILE", "nothing that says what the part is", "a plan or a job as well", "Add out/plan.npz or job.toml."
     )

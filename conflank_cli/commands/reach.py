@@ -21,15 +21,18 @@ def reach(source: str, picture: str | None, points: int, as_json: bool, talk: Ta
     flute; the table gives the share of the area within half, once and twice the tolerance (the mean of unequal ones).
     Collision and the machine's reach are not looked at. JOB is a job file in TOML.
     """
-    from conflank_cli.commands.inputs import files_of, read_job, read_scene
-    from conflank_cli.commands.reach_map import as_document, as_table, draw, reach_maps
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
     from conflank_cli.output import check_output, write_output
 
+    kernel = start_kernel()
     job, folder = read_job(source)
     inputs = files_of(source, job, folder)
     if picture is not None:
         check_output(picture, inputs, binary=True)
-    maps = reach_maps(read_scene(job, folder, talk), points, talk.progress)
+    scene = read_scene(job, folder, talk, kernel, ["conflank_cli.commands.reach_map"])
+    from conflank_cli.commands.reach_map import as_document, as_table, draw, reach_maps
+
+    maps = reach_maps(scene, points, talk.progress)
     if picture is not None:
         write_output(draw(maps, picture), picture, inputs)
     click.echo(as_document(maps).encode() if as_json else as_table(maps), nl=False)

@@ -9,6 +9,17 @@ import click
 from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
+MEANWHILE = (
+    "conflank_cli.commands.stages",
+    "conflank_cli.detection",
+    "conflank_cli.optimization",
+    "conflank_cli.selection",
+    "conflank_cli.posting",
+    "conflank_cli.verification.verify",
+    "conflank_cli.report.document",
+)
+"""What is imported while the part is being read."""
+
 
 @click.command(epilog="\b\nExample:\n  conflank run job.toml --out out")
 @click.argument("job_file", metavar="JOB", shell_complete=completion.files(*completion.JOB))
@@ -33,21 +44,17 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     """
     from pathlib import Path
 
-    from conflank_cli.artifacts.npz import encode_artifact
-    from conflank_cli.commands.documents import of_posting, print_document
-    from conflank_cli.commands.inputs import files_of, read_job, read_scene
-    from conflank_cli.commands.plan_map import summary_tables
-    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
-    from conflank_cli.commands.tables import facts_of, judgement
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS, UsageError
-    from conflank_cli.formats import post_of
-    from conflank_cli.machine_frame import machine_of
     from conflank_cli.output import check_folder, check_output, write_outputs
-    from conflank_cli.report.document import report_html
-    from conflank_cli.verification.verify import pose_program
 
     start = time.perf_counter()
+    kernel = start_kernel()
     job, folder = read_job(job_file)
+    # What the job says is imported already; the rest is while its part is being read.
+    from conflank_cli.formats import post_of
+    from conflank_cli.machine_frame import machine_of
+
     inputs = files_of(job_file, job, folder)
     out = Path(folder_out)
     program = job.program.name + post_of(job).suffix
@@ -59,7 +66,14 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     # A machine that does not exist should not be found out after all the computing.
     machine_of(job)
     with talk.timed("read"):
-        scene = read_scene(job, folder, talk)
+        scene = read_scene(job, folder, talk, kernel, MEANWHILE)
+    from conflank_cli.artifacts.npz import encode_artifact
+    from conflank_cli.commands.documents import of_posting, print_document
+    from conflank_cli.commands.plan_map import summary_tables
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
+    from conflank_cli.commands.tables import facts_of, judgement
+    from conflank_cli.report.document import report_html
+    from conflank_cli.verification.verify import pose_program
 
     candidates, candidates_summary = run_detect(scene, talk)
     motions, motions_summary = run_optimize(scene, candidates, talk)

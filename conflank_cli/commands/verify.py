@@ -37,21 +37,23 @@ def verify(source: str, job_file: str, output: str | None, as_json: bool, talk: 
     PROGRAM is any program for the control (.H, .I) or APT data, ours or foreign; programs that it calls are looked for
     beside it. Exit code 1 means that there are findings.
     """
-    from conflank_cli.artifacts.npz import read_source
-    from conflank_cli.commands.documents import print_document
-    from conflank_cli.commands.inputs import files_of, read_job, read_scene
-    from conflank_cli.commands.stages import program_beside, run_verify
-    from conflank_cli.commands.tables import judgement
+    from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
     from conflank_cli.errors import EXIT_DONE, EXIT_FINDINGS
     from conflank_cli.output import STANDARD, check_output, write_output
 
     if output is None:
         output = STANDARD if source == STANDARD else f"{source}.verification.json"
+    kernel = start_kernel()
+    from conflank_cli.artifacts.npz import read_source
+    from conflank_cli.commands.documents import print_document
+    from conflank_cli.commands.stages import program_beside, run_verify
+    from conflank_cli.commands.tables import judgement
+
     job, folder = read_job(job_file)
     inputs: list[str | Path] = [source, *files_of(job_file, job, folder)]
     check_output(output, inputs)
     name, program = read_source(source)
-    scene = read_scene(job, folder, talk)
+    scene = read_scene(job, folder, talk, kernel, ["conflank_cli.verification.verify"])
     beside = Path() if source == STANDARD else Path(source).parent
     verification = run_verify(program, name, scene, talk, partial(program_beside, beside))
     # On standard output the document takes the place of the verification, which it holds.

@@ -1,0 +1,195 @@
+"""The CAD kernel in a process of its own, which reads one file and ends.
+
+The kernel takes about 0.6 s to load and 250 MB, and nothing needs it once the faces of a part are numbers. So a command
+starts this process first of all: it loads the kernel while the command reads its job, and reads the part while the
+command imports what it will compute with. Then it hands over the part as numbers, and its memory is free again.
+
+This module imports nothing that is slow: a command starts with it.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from conflank_cli.errors import ConflankError, InputError
+
+if TYPE_CHECKING:
+    from conflank_cli.cad.part import FaceGeometry, Part, Piece
+
+Found = TypeVar("Found")
+
+
+class Wanted(NamedTuple):
+    """What is wanted of a CAD file.
+
+    Attributes
+    ----------
+    path, scale: as for `read_part`.
+    design: faces whose geometry is wanted, by number or name; None for all.
+    check: faces whose triangles are wanted, as in `Part.to_check`.
+    """
+
+    path: Path
+    scale: float = 1.0
+    design: Sequence[int | str] | None = None
+    check: str | Sequence[int | str] = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Tried(Generic[Found]):
+    """What came of something: its result, or the error it raised."""
+
+    result: Found | None
+    error: Exception | None = None
+
+    def found(self) -> Found:
+        """The result; raises the error."""
+        if self.error is not None:
+            raise self.error
+        assert self.result is not None
+        return self.result
+
+
+def _tried(attempt: Callable[[], Found]) -> Tried[Found]:
+    """What comes of it, such that another process can be told."""
+    try:
+        return Tried(attempt())
+    except Exception as error:
+        text = "".join(traceback.format_exception(error))
+        # Errors of the kernel's own cannot be carried over, and would have it loaded there.
+        own = isinstance(error, ConflankError) or type(error).__module__ == "builtins"
+        told = error if own else RuntimeError(f"{type(error).__name__}: {error}")
+        told.add_note(f"In the process that reads CAD files:\n{text}")
+        return Tried(None, told)
+
+
+class KernelProcess:
+    """A process that loads the CAD kernel as soon as this is made, reads one file, and ends with the context."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        # Where the kernel is loaded already there is nothing to be gained.
+        if "OCP" in sys.modules:
+            return
+        program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+        # Where there can be no other process, this one reads.
+        with suppress(OSError):
+            # In a group of its own, for Ctrl-C on a terminal goes to a whole group, and this process passes it on.
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                process_group=0,
+            )
+
+    def __enter__(self) -> KernelProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+    def read(self, wanted: Wanted) -> Callable[[], Part]:
+        """Have the file read; what is returned waits for the part, or raises what `read_part` raises.
+
+        Only what is wanted of the part can be asked of it. A file in JSON has no use for the kernel, and is read here.
+        """
+        process = self._process
+        if process is None or process.stdin is None or wanted.path.suffix.lower() == ".json":
+            from conflank_cli.cad.reader import read_part
+
+            return partial(read_part, wanted.path, wanted.scale)
+        # Where the process is gone, the answer says so.
+        with suppress(BrokenPipeError):
+            process.stdin.write(pickle.dumps(wanted))
+            process.stdin.flush()
+        return partial(_answer, process, wanted.path.name)
+
+
+def _answer(process: subprocess.Popen[bytes], file: str) -> Part:
+    """The part that the process hands over."""
+    output, _ = process.communicate()
+    if process.returncode != 0:
+        code = process.returncode
+        end = f"exit code {code}" if code > 0 else signal.Signals(-code).name
+        raise InputError(
+            file,
+            f"a file on which the CAD kernel breaks down ({end})",
+            "a complete and sound CAD file",
+            "Export the part again, or in another format.",
+        )
+    tried: Tried[Part] = pickle.loads(output)
+    return tried.found()
+
+
+def serve() -> None:
+    """What the process does: load the kernel, read what is wanted from standard input, answer on standard output."""
+    # All that the kernel makes as it is loaded stays: to look through it for garbage would be a quarter of the time.
+    gc.disable()
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    # Where there is no kernel, that is said when a file is read that needs it.
+    with suppress(ImportError):
+        import_module("OCP")
+    try:
+        wanted = pickle.load(sys.stdin.buffer)
+    except EOFError:
+        # The command had no use for it.
+        os._exit(0)
+    with suppress(BrokenPipeError):
+        pickle.dump(_tried(partial(_read, wanted)), answers, protocol=pickle.HIGHEST_PROTOCOL)
+        answers.flush()
+    # To take the kernel apart in order would be half as long again as to load it.
+    os._exit(0)
+
+
+def _read(wanted: Wanted) -> Part:
+    """The part with what is wanted of it, and without the kernel."""
+    from conflank_cli.cad.reader import read_part
+    from conflank_cli.cad.triangulation import DEFLECTION_MM
+
+    part = read_part(wanted.path, wanted.scale)
+    try:
+        design = part.faces if wanted.design is None else [part.face(word, "") for word in wanted.design]
+        numbers = [face.number for face in part.to_check(wanted.design or (), wanted.check)]
+    except InputError:
+        # No such face, which is said in more words where the job is looked at.
+        design, numbers = (), []
+    geometry = {face.number: _tried(face.load) for face in design}
+    pieces = {}
+    if part.triangulate is not None and numbers:
+        pieces[tuple(numbers), DEFLECTION_MM] = _tried(partial(part.triangulate, numbers, DEFLECTION_MM))
+    return replace(
+        part,
+        faces=tuple(replace(face, load=partial(_geometry, geometry, face.number)) for face in part.faces),
+        triangulate=partial(_triangles, pieces),
+    )
+
+
+def _geometry(known: Mapping[int, Tried[FaceGeometry]], number: int) -> FaceGeometry:
+    """What `PartFace.load` returns or raises, of the faces whose geometry was wanted."""
+    return known[number].found()
+
+
+def _triangles(
+    known: Mapping[tuple[tuple[int, ...], float], Tried[list[Piece]]], numbers: Sequence[int], deflection: float
+) -> list[Piece]:
+    """What `Part.triangulate` returns or raises, of the faces whose triangles were wanted."""
+    return known[tuple(numbers), deflection].found()
