@@ -66,6 +66,17 @@ def say_if_first(talk: Talk) -> None:
         talk.note("The kernels are compiled once, at the first run: about a minute more.")
 
 
+def _wake_compiler() -> None:
+    """Call a compiled kernel: the first one to be called waits 0.2 s for numba to get ready."""
+    import numpy as np
+
+    from conflank_cli.cad.quadrature import surface_frames
+    from conflank_cli.geometry.surface import BSplineSurface, to_spans
+
+    knots, corner = np.array([0.0, 0.0, 1.0, 1.0]), np.zeros(1)
+    surface_frames(to_spans(BSplineSurface(1, 1, knots, knots, np.zeros((2, 2, 3)))), corner, corner)
+
+
 def start_kernel() -> KernelProcess:
     """The process that reads a CAD file for this command, and ends with it; to be called as early as can be."""
     from conflank_cli.cad.kernel_process import KernelProcess
@@ -89,6 +100,7 @@ def read_scene(job: Job, folder: Path, talk: Talk, kernel: KernelProcess, meanwh
     for name in meanwhile:
         import_module(name)
     say_if_first(talk)
+    _wake_compiler()
     scene = load_scene(job, folder, part_of)
     for text in obstacle_notes(scene):
         talk.note(f"note: {text}")
