@@ -291,9 +291,10 @@ def _share_inside(shown: GapMap) -> Bytes:
         rim = 1e-6 * (values[-1] - values[0])
         return np.clip(values + by, values[0] + rim, values[-1] - rim)
 
-    for du in BORDER:
-        for dv in BORDER:
-            total += inside_rows(shown.face.loops, moved(shown.u, du * steps[0]), moved(shown.v, dv * steps[1]))
+    u = np.concatenate([moved(shown.u, du * steps[0]) for du in BORDER])
+    for dv in BORDER:
+        within = inside_rows(shown.face.loops, u, moved(shown.v, dv * steps[1]))
+        total += within.reshape(len(BORDER), *total.shape).sum(axis=0)
     return np.round(total * 255.0 / len(BORDER) ** 2).astype(np.uint8)
 
 

@@ -94,7 +94,7 @@ def evaluate_points(surface: BSplineSurface, uv: Array) -> tuple[Array, Array, A
 
 
 def inside_rows(loops: tuple[Array, ...], u: Array, v: Array) -> npt.NDArray[np.bool_]:
-    """Even-odd rule on the grid u x v: (len(u), len(v)), u ascending."""
+    """Even-odd rule on the grid u x v: (len(u), len(v))."""
     start = np.concatenate([loop for loop in loops])
     end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
     result = np.zeros((len(u), len(v)), dtype=np.bool_)
