@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 from conflank_cli.errors import ConflankError, InputError
 
 if TYPE_CHECKING:
-    from conflank_cli.cad.part import FaceGeometry, Part, Piece
+    from conflank_cli.cad.part import FaceGeometry, Part, PartFace, Piece
 
 Found = TypeVar("Found")
 
@@ -166,12 +166,13 @@ def _read(wanted: Wanted) -> Part:
     from conflank_cli.cad.triangulation import DEFLECTION_MM
 
     part = read_part(wanted.path, wanted.scale)
-    try:
-        design = part.faces if wanted.design is None else [part.face(word, "") for word in wanted.design]
+    # Where there is no such face, that is said where the job is looked at.
+    design: Sequence[PartFace] = part.faces if wanted.design is None else ()
+    numbers: list[int] = []
+    with suppress(InputError):
+        design = [part.face(word, "") for word in wanted.design or ()] or design
+    with suppress(InputError):
         numbers = [face.number for face in part.to_check(wanted.design or (), wanted.check)]
-    except InputError:
-        # No such face, which is said in more words where the job is looked at.
-        design, numbers = (), []
     geometry = {face.number: _tried(face.load) for face in design}
     pieces = {}
     if part.triangulate is not None and numbers:

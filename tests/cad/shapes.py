@@ -20,10 +20,10 @@ from OCP.GProp import GProp_GProps
 from OCP.IGESControl import IGESControl_Writer
 from OCP.Interface import Interface_Static
 from OCP.Message import Message
-from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Reader, STEPControl_Writer
 from OCP.TopAbs import TopAbs_FACE, TopAbs_IN, TopAbs_OUT
 from OCP.TopExp import TopExp_Explorer
-from OCP.TopoDS import TopoDS, TopoDS_Compound
+from OCP.TopoDS import TopoDS, TopoDS_Compound, TopoDS_Shape
 
 Message.DefaultMessenger_s().ChangePrinters().Clear()
 
@@ -48,6 +48,18 @@ def write_iges(shape: Any, path: Path, solids: bool = False) -> Path:
 def write_brep(shape: Any, path: Path) -> Path:
     BRepTools.Write_s(shape, str(path))
     return path
+
+
+def read_back(path: Path) -> Any:
+    """The shape in a STEP or BREP file, by the kernel's plain reader."""
+    if path.suffix == ".brep":
+        shape = TopoDS_Shape()
+        BRepTools.Read_s(shape, str(path), BRep_Builder())
+        return shape
+    reader = STEPControl_Reader()
+    reader.ReadFile(str(path))
+    reader.TransferRoots()
+    return reader.OneShape()
 
 
 def compound(*shapes: Any) -> Any:
