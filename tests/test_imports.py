@@ -160,3 +160,15 @@ def test_only_the_reader_of_cad_files_imports_the_kernel_at_once() -> None:
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             assert not [name for name in names if name.partition(".")[0] == "OCP"], module
+
+
+def test_reading_cad_files_loads_neither_scipy_nor_numba() -> None:
+    """The kernel's process reads while the command imports these; it would wait for them itself."""
+    program = (
+        "import sys\nimport conflank_cli.cad.kernel_process\n"
+        "import conflank_cli.cad.reader, conflank_cli.cad.conversion, conflank_cli.cad.triangulation\n"
+        "heavy = {'scipy', 'numba', 'msgspec'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
