@@ -46,8 +46,9 @@ class Spans(NamedTuple):
     """A surface as polynomials, one block per knot span: what the kernels read.
 
     breaks_u (ku + 1,), breaks_v (kv + 1,): distinct knots.
-    coefficients (ku, kv, D, pu + 1, pv + 1): power basis in the span's local parameters a, b in [0, 1]; D = 3, or 4
-    with homogeneous coordinates (w x, w y, w z, w).
+    coefficients (ku, kv, m, n, 4): power basis in the span's local parameters a, b in [0, 1], at least cubic, so that
+    m = max(pu, 3) + 1 and n = max(pv, 3) + 1; homogeneous coordinates (w x, w y, w z, w), or (x, y, z, 0) where the
+    surface is polynomial.
     box (4,): u0, u1, v0, v1 of the surface proper; spans outside it are the smooth extension.
     """
 
@@ -126,5 +127,8 @@ def to_spans(surface: BSplineSurface, extension: tuple[float, float, float, floa
     # (ku, pu+1, nv, D) -> along v: (kv, pv+1, ku, pu+1, D)
     columns = _taylor_rows(surface.knots_v, surface.degree_v, np.moveaxis(rows, 2, 0), breaks_v)
     columns, breaks_v = _extend(columns, breaks_v, extension[2], extension[3])
-    coefficients = np.ascontiguousarray(columns.transpose(2, 0, 4, 3, 1))
+    blocks = columns.transpose(2, 0, 3, 1, 4)
+    # Up to the third degree there is nothing to be won by fewer coefficients: the kernels know cubics best.
+    coefficients = np.zeros((*blocks.shape[:2], *np.maximum(blocks.shape[2:4], 4), 4))
+    coefficients[:, :, : blocks.shape[2], : blocks.shape[3], : blocks.shape[4]] = blocks
     return Spans(breaks_u, breaks_v, coefficients, np.array([u0, u1, v0, v1]))

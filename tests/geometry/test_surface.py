@@ -71,4 +71,6 @@ def test_domain_and_box_of_an_uneven_knot_vector() -> None:
     np.testing.assert_array_equal(spans.breaks_u, [-3.0, -2.0, -1.0, 0.5, 3.0])
     np.testing.assert_array_equal(spans.breaks_v, [5.0, 6.0, 7.0, 9.0])
     np.testing.assert_array_equal(spans.box, [-2.0, 3.0, 5.0, 7.0])
-    assert spans.coefficients.shape == (4, 3, 3, 3, 2)
+    assert spans.coefficients.shape == (4, 3, 4, 4, 4)  # cubics at least, and four coordinates
+    assert not spans.coefficients[:, :, 3].any() and not spans.coefficients[:, :, :, 2:].any()
+    assert not spans.coefficients[..., 3].any()

@@ -1,6 +1,7 @@
 """Footpoints on a surface given as per-span polynomials: Newton's method, fused with the evaluation.
 
-Spans come as in `conflank_cli.geometry.surface.Spans`: coefficients (ku, kv, D, pu + 1, pv + 1) in local parameters.
+Spans come as in `conflank_cli.geometry.surface.Spans`: coefficients (ku, kv, m, n, 4) in local parameters, the four
+coordinates of each side by side, so that the processor works on them at once.
 """
 
 from __future__ import annotations
@@ -8,8 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from conflank_cli.geometry.kernels.lanes import components, dot, lanes, load
+
 # Fused multiply-add is worth a quarter of the time and only drops roundings.
 FAST = {"contract"}
+# What other kernels call for every point is part of them. It makes no arrays, so that references to those that it is
+# passed need no counting, which cores that share a surface would wait for each other with.
+INNER = {"forceinline": True, "error_model": "numpy", "fastmath": FAST, "_nrt": False}
 # A step of Newton's method is followed by one on the second-order expansion of the surface. What both leave is of
 # second order too, in the distance times the third derivatives, but far less; how much shows in the step before, for
 # e' / e² stays. They are the last ones where that says they leave less than LAST_ERROR (in units of the span), and the
@@ -39,7 +45,7 @@ OUTSIDE = 4  # the foot lies on the smooth extension, past the boundary of the s
 FAILED = 8  # no convergence within MAX_ITERATIONS
 
 
-@njit(forceinline=True)
+@njit(**INNER)
 def find_span(breaks, x):
     """Index of the span that holds x, clamped to the first and last."""
     low = 0
@@ -53,133 +59,177 @@ def find_span(breaks, x):
     return low
 
 
-@njit(forceinline=True)
-def same_span(breaks, x, k):
-    """`find_span`, looked for at span k first."""
-    if (x >= breaks[k] or k == 0) and (x < breaks[k + 1] or k == breaks.shape[0] - 2):
+@njit(**INNER)
+def _guess_span(breaks, x):
+    """`find_span`, looked for first where equal spans would have it."""
+    last = breaks.shape[0] - 1
+    k = min(max(int((x - breaks[0]) * (last / (breaks[last] - breaks[0]))), 0), last - 1)
+    if (x >= breaks[k] or k == 0) and (x < breaks[k + 1] or k == last - 1):
         return k
     return find_span(breaks, x)
 
 
-@njit(forceinline=True)
-def guess_span(breaks, x):
-    """`find_span`, looked for first where equal spans would have it."""
-    last = breaks.shape[0] - 1
-    k = int((x - breaks[0]) / (breaks[last] - breaks[0]) * last)
-    return same_span(breaks, x, min(max(k, 0), last - 1))
+@njit(**INNER)
+def _relocated(breaks, k, a, step):
+    """Span, local parameter there, and the step that led there, of a place given in span k, or past its ends.
+
+    Where the place is past the ends of the domain, it becomes that end.
+    """
+    if 0.0 <= a <= 1.0:
+        return k, a, step
+    width = breaks[k + 1] - breaks[k]
+    origin = breaks[k] + (a - step) * width
+    x = min(max(breaks[k] + a * width, breaks[0]), breaks[breaks.shape[0] - 1])
+    k = find_span(breaks, x)
+    width = breaks[k + 1] - breaks[k]
+    return k, (x - breaks[k]) / width, (x - origin) / width
 
 
-@njit(forceinline=True)
-def _component(c, a, b):
-    """Value and derivatives f, fa, fb, faa, fab, fbb of one coordinate by Horner's rule."""
-    f = 0.0
-    fa = 0.0
-    faa = 0.0
-    fb = 0.0
-    fab = 0.0
-    fbb = 0.0
-    for i in range(c.shape[0] - 1, -1, -1):
-        g = 0.0
-        gb = 0.0
-        gbb = 0.0
-        for j in range(c.shape[1] - 1, -1, -1):
+@njit(**INNER)
+def _parameter(breaks, k, a):
+    """Parameter of a place given in span k: its end to the last bit."""
+    return breaks[k + 1] if a == 1.0 else breaks[k] + a * (breaks[k + 1] - breaks[k])
+
+
+@njit(error_model="numpy", fastmath=FAST, _nrt=False)
+def _general(coefficients, at, rows, columns, a, b):
+    """S, Sa, Sb, Saa, Sab, Sbb, homogeneous, of the block (rows, columns, 4) at a flat index, by Horner's rule."""
+    s = sa = saa = sb = sab = sbb = lanes(0.0, 0.0, 0.0, 0.0)
+    for i in range(rows - 1, -1, -1):
+        g = gb = gbb = lanes(0.0, 0.0, 0.0, 0.0)
+        for j in range(columns - 1, -1, -1):
             gbb = gbb * b + gb
             gb = gb * b + g
-            g = g * b + c[i, j]
-        faa = faa * a + fa
-        fa = fa * a + f
-        f = f * a + g
-        fab = fab * a + fb
-        fb = fb * a + gb
-        fbb = fbb * a + gbb
-    return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
+            g = g * b + load(coefficients, at + 4 * (i * columns + j))
+        saa = saa * a + sa
+        sa = sa * a + s
+        s = s * a + g
+        sab = sab * a + sb
+        sb = sb * a + gb
+        sbb = sbb * a + gbb
+    return s, sa, sb, 2.0 * saa, sab, 2.0 * sbb
 
 
-@njit(forceinline=True)
-def _bicubic(c, a, b):
-    """The same for a bicubic block, written out: half as long again in points a second as the loops."""
-    t = 3.0 * b
-    g3 = ((c[3, 3] * b + c[3, 2]) * b + c[3, 1]) * b + c[3, 0]
-    g2 = ((c[2, 3] * b + c[2, 2]) * b + c[2, 1]) * b + c[2, 0]
-    g1 = ((c[1, 3] * b + c[1, 2]) * b + c[1, 1]) * b + c[1, 0]
-    g0 = ((c[0, 3] * b + c[0, 2]) * b + c[0, 1]) * b + c[0, 0]
-    h3 = (c[3, 3] * t + 2.0 * c[3, 2]) * b + c[3, 1]
-    h2 = (c[2, 3] * t + 2.0 * c[2, 2]) * b + c[2, 1]
-    h1 = (c[1, 3] * t + 2.0 * c[1, 2]) * b + c[1, 1]
-    h0 = (c[0, 3] * t + 2.0 * c[0, 2]) * b + c[0, 1]
-    k3 = c[3, 3] * t + c[3, 2]
-    k2 = c[2, 3] * t + c[2, 2]
-    k1 = c[1, 3] * t + c[1, 2]
-    k0 = c[0, 3] * t + c[0, 2]
+@njit(**INNER)
+def _cubic(coefficients, at, b):
+    """Value, derivative and half the second derivative of the cubic at a flat index."""
+    c0 = load(coefficients, at)
+    c1 = load(coefficients, at + 4)
+    c2 = load(coefficients, at + 8)
+    c3 = load(coefficients, at + 12)
+    steep = (3.0 * b) * c3
+    return ((c3 * b + c2) * b + c1) * b + c0, (steep + 2.0 * c2) * b + c1, steep + c2
+
+
+@njit(**INNER)
+def _bicubic(coefficients, at, a, b):
+    """`_general` for four rows and columns, written out."""
+    g0, h0, k0 = _cubic(coefficients, at, b)
+    g1, h1, k1 = _cubic(coefficients, at + 16, b)
+    g2, h2, k2 = _cubic(coefficients, at + 32, b)
+    g3, h3, k3 = _cubic(coefficients, at + 48, b)
     t = 3.0 * a
-    f = ((g3 * a + g2) * a + g1) * a + g0
-    fa = (g3 * t + 2.0 * g2) * a + g1
-    faa = g3 * t + g2
-    fb = ((h3 * a + h2) * a + h1) * a + h0
-    fab = (h3 * t + 2.0 * h2) * a + h1
-    fbb = ((k3 * a + k2) * a + k1) * a + k0
-    return f, fa, fb, 2.0 * faa, fab, 2.0 * fbb
+    s = ((g3 * a + g2) * a + g1) * a + g0
+    sa = (g3 * t + 2.0 * g2) * a + g1
+    saa = g3 * t + g2
+    sb = ((h3 * a + h2) * a + h1) * a + h0
+    sab = (h3 * t + 2.0 * h2) * a + h1
+    sbb = ((k3 * a + k2) * a + k1) * a + k0
+    return s, sa, sb, 2.0 * saa, sab, 2.0 * sbb
 
 
-@njit(forceinline=True)
-def _rational(f, w):
-    """Quotient rule: derivatives of f / w from those of the homogeneous coordinates."""
-    r = 1.0 / w[0]
-    s = f[0] * r
-    sa = (f[1] - s * w[1]) * r
-    sb = (f[2] - s * w[2]) * r
-    saa = (f[3] - 2.0 * sa * w[1] - s * w[3]) * r
-    sab = (f[4] - sa * w[2] - sb * w[1] - s * w[4]) * r
-    sbb = (f[5] - 2.0 * sb * w[2] - s * w[5]) * r
+@njit(**INNER)
+def _weight(vector):
+    """The fourth coordinate."""
+    return components(vector)[3]
+
+
+@njit(**INNER)
+def _rational(s, sa, sb, saa, sab, sbb):
+    """Quotient rule: the same of the surface itself from those of the homogeneous coordinates."""
+    r = 1.0 / _weight(s)
+    s = s * r
+    wa = _weight(sa)
+    wb = _weight(sb)
+    waa = _weight(saa)
+    wab = _weight(sab)
+    wbb = _weight(sbb)
+    sa = (sa - s * wa) * r
+    sb = (sb - s * wb) * r
+    saa = (saa - sa * (2.0 * wa) - s * waa) * r
+    sab = (sab - sa * wb - sb * wa - s * wab) * r
+    sbb = (sbb - sb * (2.0 * wb) - s * wbb) * r
     return s, sa, sb, saa, sab, sbb
 
 
-@njit(forceinline=True)
+@njit(**INNER)
+def _frame(coefficients, at, rows, columns, a, b):
+    """S, Sa, Sb, Saa, Sab, Sbb of the block (rows, columns, 4) at a flat index, at local (a, b), as vectors."""
+    if rows == 4 and columns == 4:
+        frame = _bicubic(coefficients, at, a, b)
+    else:
+        frame = _general(coefficients, at, rows, columns, a, b)
+    if _weight(frame[0]) != 0.0:
+        frame = _rational(*frame)
+    return frame
+
+
+@njit(**INNER)
 def local_frame(block, a, b):
-    """S, Sa, Sb, Saa, Sab, Sbb of a span block (D, pu + 1, pv + 1) at local (a, b), coordinate by coordinate."""
-    if block.shape[0] == 3 and block.shape[1] == 4 and block.shape[2] == 4:
-        return _bicubic(block[0], a, b), _bicubic(block[1], a, b), _bicubic(block[2], a, b)
-    x = _component(block[0], a, b)
-    y = _component(block[1], a, b)
-    z = _component(block[2], a, b)
-    if block.shape[0] == 4:
-        w = _component(block[3], a, b)
-        x = _rational(x, w)
-        y = _rational(y, w)
-        z = _rational(z, w)
-    return x, y, z
+    """S, Sa, Sb, Saa, Sab, Sbb of a span block (m, n, 4) at local (a, b), coordinate by coordinate."""
+    s, sa, sb, saa, sab, sbb = _frame(block, 0, block.shape[0], block.shape[1], a, b)
+    x0, y0, z0, _ = components(s)
+    x1, y1, z1, _ = components(sa)
+    x2, y2, z2, _ = components(sb)
+    x3, y3, z3, _ = components(saa)
+    x4, y4, z4, _ = components(sab)
+    x5, y5, z5, _ = components(sbb)
+    return (x0, x1, x2, x3, x4, x5), (y0, y1, y2, y3, y4, y5), (z0, z1, z2, z3, z4, z5)
+
+
+@njit(**INNER)
+def _keep(vector, out, k, m):
+    """Write the coordinates of a vector into out[k, m] (3,)."""
+    out[k, m, 0], out[k, m, 1], out[k, m, 2], _ = components(vector)
 
 
 @njit(error_model="numpy", fastmath=FAST, cache=True)
 def evaluate(breaks_u, breaks_v, coefficients, u, v, out):
     """Fill out (N, 6, 3) with S, Su, Sv, Suu, Suv, Svv at the parameters u, v (N,)."""
+    rows = coefficients.shape[2]
+    columns = coefficients.shape[3]
     for k in range(u.shape[0]):
         i = find_span(breaks_u, u[k])
         j = find_span(breaks_v, v[k])
         hu = 1.0 / (breaks_u[i + 1] - breaks_u[i])
         hv = 1.0 / (breaks_v[j + 1] - breaks_v[j])
-        x, y, z = local_frame(coefficients[i, j], (u[k] - breaks_u[i]) * hu, (v[k] - breaks_v[j]) * hv)
-        scale = (1.0, hu, hv, hu * hu, hu * hv, hv * hv)
-        for m in range(6):
-            out[k, m, 0] = x[m] * scale[m]
-            out[k, m, 1] = y[m] * scale[m]
-            out[k, m, 2] = z[m] * scale[m]
+        a = (u[k] - breaks_u[i]) * hu
+        b = (v[k] - breaks_v[j]) * hv
+        at = (i * coefficients.shape[1] + j) * (4 * rows * columns)
+        s, sa, sb, saa, sab, sbb = _frame(coefficients, at, rows, columns, a, b)
+        _keep(s, out, k, 0)
+        _keep(sa * hu, out, k, 1)
+        _keep(sb * hv, out, k, 2)
+        _keep(saa * (hu * hu), out, k, 3)
+        _keep(sab * (hu * hv), out, k, 4)
+        _keep(sbb * (hv * hv), out, k, 5)
 
 
-@njit(forceinline=True)
-def _tangents(x, y, z, a, b):
-    """Both tangents a step (a, b) away, by the second-order expansion of a `local_frame`."""
-    return (
-        x[1] + x[3] * a + x[4] * b,
-        y[1] + y[3] * a + y[4] * b,
-        z[1] + z[3] * a + z[4] * b,
-        x[2] + x[4] * a + x[5] * b,
-        y[2] + y[4] * a + y[5] * b,
-        z[2] + z[4] * a + z[5] * b,
-    )
+@njit(**INNER)
+def _tangents(sa, sb, saa, sab, sbb, a, b):
+    """Both tangents a step (a, b) away, by the second-order expansion of the surface."""
+    return sa + saa * a + sab * b, sb + sab * a + sbb * b
 
 
-@njit(forceinline=True)
+@njit(**INNER)
+def _cross(one, other):
+    """Components of the vector product."""
+    ax, ay, az, _ = components(one)
+    bx, by, bz, _ = components(other)
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(**INNER)
 def _line_step(gradient, second, metric):
     """Step along one parameter alone, and the size below which it is the last one."""
     if second > SAFELY_POSITIVE * metric:
@@ -187,7 +237,7 @@ def _line_step(gradient, second, metric):
     return -gradient / max(abs(second), LEAST_MODULUS * metric), LAST_LINEAR_STEP
 
 
-@njit(error_model="numpy", fastmath=FAST, cache=True)
+@njit(error_model="numpy", fastmath=FAST, _nrt=False)
 def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
     """Step with the eigenvalues of the Hessian, relative to the metric, replaced by their moduli."""
     if not e * g - f * f > PARALLEL * e * g:
@@ -215,7 +265,7 @@ def _descent_step(ga, gb, haa, hab, hbb, e, f, g):
     return (x - l21 * db) / l11, db
 
 
-@njit(error_model="numpy", fastmath=FAST, cache=True)
+@njit(**INNER)
 def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     """Footpoint of (px, py, pz) from the start (u, v).
 
@@ -226,65 +276,59 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
     eigenvalues (always a descent direction), with step halving. Box-constrained: a parameter at a bound whose gradient
     points outwards is held there and the other one is solved alone.
     """
-    nu = breaks_u.shape[0] - 1
-    nv = breaks_v.shape[0] - 1
-    u_low = breaks_u[0]
-    u_high = breaks_u[nu]
-    v_low = breaks_v[0]
-    v_high = breaks_v[nv]
-    u = min(max(u, u_low), u_high)
-    v = min(max(v, v_low), v_high)
-    i = guess_span(breaks_u, u)
-    j = guess_span(breaks_v, v)
+    last_u = breaks_u.shape[0] - 2
+    last_v = breaks_v.shape[0] - 2
+    rows = coefficients.shape[2]
+    columns = coefficients.shape[3]
+    u = min(max(u, breaks_u[0]), breaks_u[last_u + 1])
+    v = min(max(v, breaks_v[0]), breaks_v[last_v + 1])
+    i = _guess_span(breaks_u, u)
+    j = _guess_span(breaks_v, v)
+    # Everything in local parameters of the span until the foot is found.
+    a = (u - breaks_u[i]) / (breaks_u[i + 1] - breaks_u[i])
+    b = (v - breaks_v[j]) / (breaks_v[j + 1] - breaks_v[j])
+    p = lanes(px, py, pz, 0.0)
+    foot = p
+    nx = ny = nz = 0.0
     flag = FAILED
     previous = np.inf
     before = 1e-30  # nothing is known from a step before the first
-    du = 0.0
-    dv = 0.0
-    held = 0
-    fx = fy = fz = nx = ny = nz = 0.0
+    da = 0.0
+    db = 0.0
     for _ in range(MAX_ITERATIONS):
-        i = same_span(breaks_u, u, i)
-        j = same_span(breaks_v, v, j)
-        wu = breaks_u[i + 1] - breaks_u[i]
-        wv = breaks_v[j + 1] - breaks_v[j]
-        per_u = 1.0 / wu
-        per_v = 1.0 / wv
-        a = (u - breaks_u[i]) * per_u
-        b = (v - breaks_v[j]) * per_v
-        x, y, z = local_frame(coefficients[i, j], a, b)
-        rx = x[0] - px
-        ry = y[0] - py
-        rz = z[0] - pz
-        value = rx * rx + ry * ry + rz * rz
-        if value > previous * (1.0 + 1e-12) + 1e-24 and abs(du) * per_u + abs(dv) * per_v > 1e-7:
+        if not (0.0 <= a <= 1.0 and 0.0 <= b <= 1.0):
+            i, a, da = _relocated(breaks_u, i, a, da)
+            j, b, db = _relocated(breaks_v, j, b, db)
+        at = (i * (last_v + 1) + j) * (4 * rows * columns)
+        s, sa, sb, saa, sab, sbb = _frame(coefficients, at, rows, columns, a, b)
+        r = s - p
+        value = dot(r, r)
+        if value > previous * (1.0 + 1e-12) + 1e-24 and abs(da) + abs(db) > 1e-7:
             # The step overshot: halve it.
-            du *= 0.5
-            dv *= 0.5
-            u -= du
-            v -= dv
+            da *= 0.5
+            db *= 0.5
+            a -= da
+            b -= db
             continue
         previous = value
-        # Everything in local parameters of the span from here on.
-        ga = rx * x[1] + ry * y[1] + rz * z[1]
-        gb = rx * x[2] + ry * y[2] + rz * z[2]
-        e = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
-        f = x[1] * x[2] + y[1] * y[2] + z[1] * z[2]
-        g = x[2] * x[2] + y[2] * y[2] + z[2] * z[2]
-        haa = e + rx * x[3] + ry * y[3] + rz * z[3]
-        hab = f + rx * x[4] + ry * y[4] + rz * z[4]
-        hbb = g + rx * x[5] + ry * y[5] + rz * z[5]
-        hold_u = (u <= u_low and ga > 0.0) or (u >= u_high and ga < 0.0) or e <= VANISHED * g
-        hold_v = (v <= v_low and gb > 0.0) or (v >= v_high and gb < 0.0) or g <= VANISHED * e
+        ga = dot(r, sa)
+        gb = dot(r, sb)
+        e = dot(sa, sa)
+        f = dot(sa, sb)
+        g = dot(sb, sb)
+        haa = e + dot(r, saa)
+        hab = f + dot(r, sab)
+        hbb = g + dot(r, sbb)
+        hold_u = (i == 0 and a <= 0.0 and ga > 0.0) or (i == last_u and a >= 1.0 and ga < 0.0) or e <= VANISHED * g
+        hold_v = (j == 0 and b <= 0.0 and gb > 0.0) or (j == last_v and b >= 1.0 and gb < 0.0) or g <= VANISHED * e
         da = 0.0
         db = 0.0
         last = LAST_PLAIN_STEP
-        held = 1 if hold_u or hold_v else 0
         if hold_u and not hold_v:
             db, last = _line_step(gb, hbb, g)
         elif hold_v and not hold_u:
             da, last = _line_step(ga, haa, e)
-        elif held == 0:
+        elif not hold_u:
             determinant = haa * hbb - hab * hab
             metric = e * g - f * f
             if determinant > SAFELY_POSITIVE * metric and haa > 0.0:
@@ -294,12 +338,10 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
                 if abs(da) < EXPANDED and abs(db) < EXPANDED:
                     # Once more, with the gradient there of the second-order expansion of the surface: the error left
                     # is of third order, for a fourth of an evaluation.
-                    ax, ay, az, bx, by, bz = _tangents(x, y, z, da, db)
-                    rx += 0.5 * (da * (x[1] + ax) + db * (x[2] + bx))
-                    ry += 0.5 * (da * (y[1] + ay) + db * (y[2] + by))
-                    rz += 0.5 * (da * (z[1] + az) + db * (z[2] + bz))
-                    ga = rx * ax + ry * ay + rz * az
-                    gb = rx * bx + ry * by + rz * bz
+                    ta, tb = _tangents(sa, sb, saa, sab, sbb, da, db)
+                    r = r + (0.5 * da) * (sa + ta) + (0.5 * db) * (sb + tb)
+                    ga = dot(r, ta)
+                    gb = dot(r, tb)
                     more_a = (gb * hab - ga * hbb) * inverse
                     more_b = (ga * hab - gb * haa) * inverse
                     step = abs(da) + abs(db)
@@ -323,63 +365,47 @@ def project(breaks_u, breaks_v, coefficients, box, px, py, pz, u, v):
         if longest > 2.0:
             da *= 2.0 / longest
             db *= 2.0 / longest
-        du = da * wu
-        dv = db * wv
-        un = u + du
-        vn = v + dv
-        if un < u_low:
-            un = u_low
-        elif un > u_high:
-            un = u_high
-        if vn < v_low:
-            vn = v_low
-        elif vn > v_high:
-            vn = v_high
-        du = un - u
-        dv = vn - v
-        u = un
-        v = vn
-        da = du * per_u
-        db = dv * per_v
+        end_a = a + da
+        end_b = b + db
+        if end_a < 0.0 and i == 0:
+            end_a = 0.0
+        elif end_a > 1.0 and i == last_u:
+            end_a = 1.0
+        if end_b < 0.0 and j == 0:
+            end_b = 0.0
+        elif end_b > 1.0 and j == last_v:
+            end_b = 1.0
+        da = end_a - a
+        db = end_b - b
+        a = end_a
+        b = end_b
         before = abs(da) + abs(db)
         if abs(da) < last and abs(db) < last:
-            flag = CLAMPED if held == 1 else INTERIOR
-            fx = x[0] + x[1] * da + x[2] * db + 0.5 * (x[3] * da * da + x[5] * db * db) + x[4] * da * db
-            fy = y[0] + y[1] * da + y[2] * db + 0.5 * (y[3] * da * da + y[5] * db * db) + y[4] * da * db
-            fz = z[0] + z[1] * da + z[2] * db + 0.5 * (z[3] * da * da + z[5] * db * db) + z[4] * da * db
-            ax, ay, az, bx, by, bz = _tangents(x, y, z, da, db)
-            nx = ay * bz - az * by
-            ny = az * bx - ax * bz
-            nz = ax * by - ay * bx
-            tangents = (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
-            if min(tangents[0], tangents[1]) <= VANISHED * max(tangents[0], tangents[1]):
+            flag = CLAMPED if hold_u or hold_v else INTERIOR
+            foot = s + da * sa + db * sb + (0.5 * da * da) * saa + (0.5 * db * db) * sbb + (da * db) * sab
+            ta, tb = _tangents(sa, sb, saa, sab, sbb, da, db)
+            e = dot(ta, ta)
+            g = dot(tb, tb)
+            if min(e, g) <= VANISHED * max(e, g):
                 # A pole: the tangent that vanishes is replaced by its derivative towards the inside.
-                if tangents[0] < tangents[1]:
-                    side = -1.0 if v >= v_high else 1.0
-                    ax, ay, az = side * x[4], side * y[4], side * z[4]
+                if e < g:
+                    ta = (-1.0 if j == last_v and b >= 1.0 else 1.0) * sab
                 else:
-                    side = -1.0 if u >= u_high else 1.0
-                    bx, by, bz = side * x[4], side * y[4], side * z[4]
-                nx = ay * bz - az * by
-                ny = az * bx - ax * bz
-                nz = ax * by - ay * bx
+                    tb = (-1.0 if i == last_u and a >= 1.0 else 1.0) * sab
+            nx, ny, nz = _cross(ta, tb)
             break
     if flag == FAILED:
-        i = find_span(breaks_u, u)
-        j = find_span(breaks_v, v)
-        x, y, z = local_frame(
-            coefficients[i, j],
-            (u - breaks_u[i]) / (breaks_u[i + 1] - breaks_u[i]),
-            (v - breaks_v[j]) / (breaks_v[j + 1] - breaks_v[j]),
-        )
-        fx = x[0]
-        fy = y[0]
-        fz = z[0]
-        nx = y[1] * z[2] - z[1] * y[2]
-        ny = z[1] * x[2] - x[1] * z[2]
-        nz = x[1] * y[2] - y[1] * x[2]
-    elif flag == INTERIOR and (u < box[0] or u > box[1] or v < box[2] or v > box[3]):
+        i, a, da = _relocated(breaks_u, i, a, da)
+        j, b, db = _relocated(breaks_v, j, b, db)
+        at = (i * (last_v + 1) + j) * (4 * rows * columns)
+        s, sa, sb, saa, sab, sbb = _frame(coefficients, at, rows, columns, a, b)
+        foot = s
+        nx, ny, nz = _cross(sa, sb)
+    u = _parameter(breaks_u, i, a)
+    v = _parameter(breaks_v, j, b)
+    if flag == INTERIOR and (u < box[0] or u > box[1] or v < box[2] or v > box[3]):
         flag = OUTSIDE
+    fx, fy, fz, _ = components(foot)
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
     if length > 0.0:
         length = 1.0 / length
