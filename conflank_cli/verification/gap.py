@@ -121,13 +121,14 @@ class BodyMotion:
     body: the body.
     cells: the motion, every unbroken run filled up to whole wide groups.
     table: the same with the slack of the body.
-    ways, groups: how far the body moves in a cell, and poses and reaches of groups of cells.
+    ways, joined, groups: what the kernel asks of cells and of groups of them.
     """
 
     body: Body
     cells: Cells
     table: Array
     ways: Array
+    joined: npt.NDArray[np.bool_]
     groups: tuple[Array, Array, Array, Array]
 
     @classmethod
@@ -136,7 +137,7 @@ class BodyMotion:
         cells = unbroken(cells)
         table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
         size = body.low, body.high, body.radius
-        return cls(body, cells, table, cell_ways(table, *size), group_cells(table, *size))
+        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size))
 
     def nearest(self, points: Array, start: Array | float = np.inf) -> Nearest:
         """As `nearest`."""
@@ -149,8 +150,8 @@ class BodyMotion:
         def run(blocks: slice) -> None:
             part = slice(blocks.start * BLOCK, blocks.stop * BLOCK)
             least_distance(
-                ordered[part], begin[part], BLOCK, self.table, self.ways, *self.groups, GROUP, self.body.numbers,
-                distance[part], where[part], tau[part],
+                ordered[part], begin[part], BLOCK, self.table, self.ways, self.joined, *self.groups, GROUP,
+                self.body.numbers, distance[part], where[part], tau[part],
             )  # fmt: skip
 
         spread(run, -(-count // BLOCK), WORTH_A_THREAD)

@@ -26,6 +26,9 @@ CELL_TURN = radians(0.5)
 """Largest turn of the axis, or of a rotary axis, within a cell. The parabola through three axes of a cell is then off
 by less than the cube of it over 100, 7e-9 rad: 0.001 um on a tool 100 mm long."""
 
+SAME = 1e-8
+"""Poses between which no point of the cutter moves further are one, mm: 0.00001 um."""
+
 GROUP = 8
 """Cells in a group, and groups in a wide group."""
 
@@ -171,15 +174,18 @@ def _bound(poses: Array, centres: Array, low: float, high: float, radius: float)
     return np.asarray(np.maximum(*ends) + radius * np.linalg.norm(axis, axis=-1))
 
 
-def cell_ways(cells: Array, low: float, high: float, radius: float) -> Array:
+def cell_ways(cells: Array, low: float, high: float, radius: float) -> tuple[Array, npt.NDArray[np.bool_]]:
     """The most any point of a body moves from the beginning of each cell within it and to that of the next, (M,) mm.
+
+    And whether it does not move from the end of a cell to the beginning of the next, (M,).
 
     cells: (M, 16). low, high, radius: the body lies between these heights above the tip and within this radius, mm.
     """
     starts, ends = _starts(cells), _ends(cells)
     way = _bound(ends, starts, low, high, radius) + _bow(cells, low, high, radius)
     way[:-1] = np.maximum(way[:-1], _bound(starts[1:], starts[:-1], low, high, radius))
-    return np.asarray(way)
+    joined = np.append(_bound(starts[1:], ends[:-1], low, high, radius) < SAME, False)
+    return way, joined
 
 
 def group_cells(cells: Array, low: float, high: float, radius: float) -> tuple[Array, Array, Array, Array]:

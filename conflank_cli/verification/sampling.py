@@ -187,6 +187,7 @@ class MeshSample:
     face: (N,) CAD face number, below 0 for meshes from elsewhere.
     pieces: (K, 3) the corners of each piece; empty where there are only points.
     piece_sag: (K,) the sag within a piece, mm.
+    sides: (K, 3) lengths of the sides of each piece, from each corner to the next, mm.
     """
 
     points: Array
@@ -194,23 +195,28 @@ class MeshSample:
     face: Integers
     pieces: Integers
     piece_sag: Array
+    sides: Array
+
+    @classmethod
+    def of(cls, points: Array, sag: Array, face: Integers, pieces: Integers, piece_sag: Array) -> MeshSample:
+        """Measure the sides."""
+        corners = points[pieces]
+        along = corners - corners[:, [1, 2, 0]]
+        return cls(points, sag, face, pieces, piece_sag, np.sqrt(np.einsum("ksx,ksx->ks", along, along)))
 
     @classmethod
     def of_points(cls, points: Array, face: Integers) -> MeshSample:
         """Points (N, 3) on faces (N,) themselves."""
-        return cls(points, np.zeros(len(points)), face, np.zeros((0, 3), dtype=np.int64), np.zeros(0))
-
-    def longest(self) -> Array:
-        """Longest side of each piece, (K,) mm."""
-        return np.asarray(_sides(self.points[self.pieces]).max(axis=1, initial=0.0))
+        nothing = np.zeros((0, 3), dtype=np.int64)
+        return cls(points, np.zeros(len(points)), face, nothing, np.zeros(0), np.zeros((0, 3)))
 
     def halved(self, chosen: npt.NDArray[np.bool_]) -> MeshSample:
         """The chosen pieces, halved across their longest sides; the points are these and then those in the middles."""
         pieces = self.pieces[chosen]
-        rows, side = np.arange(len(pieces)), _sides(self.points[pieces]).argmax(axis=1)
+        rows, side = np.arange(len(pieces)), self.sides[chosen].argmax(axis=1)
         a, b, c = (pieces[rows, (side + k) % 3] for k in range(3))
         middle = len(self.points) + rows
-        return MeshSample(
+        return MeshSample.of(
             np.concatenate([self.points, 0.5 * (self.points[a] + self.points[b])]),
             np.concatenate([self.sag, self.piece_sag[chosen]]),
             np.concatenate([self.face, self.face[a]]),
@@ -252,12 +258,6 @@ def _sags(mesh: CheckMesh) -> Array:
     return np.where(mesh.face >= 0, spread, 0.0)
 
 
-def _sides(corners: Array) -> Array:
-    """Lengths (K, 3) of the sides of triangles (K, 3, 3), each from its corner to the next."""
-    along = corners - corners[:, [1, 2, 0]]
-    return np.asarray(np.sqrt(np.einsum("ksx,ksx->ks", along, along)))
-
-
 def _welded(vertices: Array) -> Integers:
     """A number for each vertex (V,), the same for those at the same place, since a mesher may repeat them."""
     places = np.round(vertices / _WELD).astype(np.int64)
@@ -294,6 +294,6 @@ def sample_mesh(mesh: CheckMesh, low: Array, high: Array) -> MeshSample:
     own = triangles * (int(rank.max(initial=0)) + 1) + rank[:, None]
     _, first, number = np.unique(own, return_index=True, return_inverse=True)
     points = mesh.vertices[triangles.reshape(-1)[first]]
-    return MeshSample(
+    return MeshSample.of(
         points, np.zeros(len(points)), np.repeat(face, 3)[first], number.reshape(-1, 3), _sags(mesh)[near]
     )

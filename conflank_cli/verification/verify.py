@@ -79,7 +79,7 @@ most, 2.5 um at 1.5 mm."""
 _COVER = 0.58
 """No place on a triangle is further from its nearest corner than this share of its longest side."""
 
-_FEW = 16
+_FEW = 64
 """One point in so many is measured first, to tell how near the nearest of all is at most."""
 
 _ROUNDING = 1e-7
@@ -413,11 +413,11 @@ def _clearance(
     measure(everything[::_FEW], np.full(len(everything[::_FEW]), np.inf))
     reach = np.maximum(limits, values.min(initial=np.inf))
     # Between its corners a piece may come nearer. Where that could matter it is halved, and its middles are measured.
-    blind = _COVER * sample.longest() + 2.0 * sample.piece_sag
+    blind = _COVER * sample.sides.max(axis=1, initial=0.0) + 2.0 * sample.piece_sag
     np.maximum.at(reach, sample.pieces, (reach[sample.pieces].max(axis=1) + blind)[:, None])
     measure(everything, reach)
     while len(sample.pieces) and len(motions):
-        long = sample.longest()
+        long = sample.sides.max(axis=1)
         mark = np.maximum(limits[sample.pieces].max(axis=1), values.min())
         bound = values[sample.pieces].min(axis=1) - _COVER * long - 2.0 * sample.piece_sag
         chosen = (long > FINEST) & (bound < mark)

@@ -177,7 +177,7 @@ def _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best):
 
 
 @njit(cache=True)
-def _search_cells(body, x, y, z, cells, ways, low, high, best, index, tau):
+def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, tau):
     """Search cells low .. high, passing over those that the body does not move far enough for."""
     i = low
     while i < high:
@@ -187,6 +187,10 @@ def _search_cells(body, x, y, z, cells, ways, low, high, best, index, tau):
             best, index, tau = fa, i, 0.0
         left = fa - best
         if left < ways[i]:
+            if ga >= 0.0 and joined[i]:
+                # What follows inside is further away, and the end is where the next cell begins.
+                i += 1
+                continue
             fb, gb = _in_cell(body, x, y, z, cell, 1.0)
             if fb < best:
                 best, index, tau = fb, i, 1.0
@@ -224,7 +228,7 @@ def _near_groups(
 
 @njit(cache=True, nogil=True)
 def least_distance(
-    points, start, block, cells, ways, poses, reaches, wide_poses, wide_reaches, size, body, distance, where, tau
+    points, start, block, cells, ways, joined, poses, reaches, wide_poses, wide_reaches, size, body, distance, where, tau
 ):
     """Least signed distance from each point to the body over all cells, where it is below `start`.
 
@@ -235,6 +239,7 @@ def least_distance(
     block: how many successive points are taken together. What is found does not depend on it.
     cells: (M, 16), see the module.
     ways: (M,) the most any point of the body moves from the beginning of a cell within it and to the next, mm.
+    joined: (M,) whether a cell ends where the next begins.
     poses, reaches: (G, 6) and (G,): a pose in each group of `size` successive cells, and the most any point of the body
         is away from where that pose puts it, anywhere in the group, mm.
     wide_poses, wide_reaches: the same for groups of `size` successive groups.
@@ -262,12 +267,12 @@ def least_distance(
             best, index, at = start[n], NONE, 0.0
             # What was nearest to the point before is mostly near to this one.
             if hint >= 0:
-                best, index, at = _search_cells(body, x, y, z, cells, ways, hint, hint + 1, best, index, at)
+                best, index, at = _search_cells(body, x, y, z, cells, ways, joined, hint, hint + 1, best, index, at)
             for k in range(count):
                 g = near[k]
                 if _at_pose(body, x, y, z, poses[g]) - reaches[g] < best:
                     best, index, at = _search_cells(
-                        body, x, y, z, cells, ways, g * size, min((g + 1) * size, cells.shape[0]), best, index, at
+                        body, x, y, z, cells, ways, joined, g * size, min((g + 1) * size, cells.shape[0]), best, index, at
                     )
             distance[n], where[n], tau[n] = best, index, at
             if index >= 0:
