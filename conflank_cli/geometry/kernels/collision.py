@@ -8,8 +8,8 @@ left is a convex function of one variable on a line, with a slope that is known:
 bound it from below. So each figure is exact to `TOLERANCE`, and is known to be.
 
 A tree has the triangles' corners (T, 3, 3) and sag (T,) in its own order, and for each node, numbered in preorder,
-its first and last triangle, its second child `right` (the first is the next node; -1 for a leaf), centre and radius of
-a bounding sphere, and the largest sag in it.
+its first and last triangle, its second child `right` (the first is the next node; -1 for a leaf), the centre of its box
+with half the box's sides and the radius of a sphere about it, and the largest sag in it.
 
 Sections come as rows (8,): height of the low and of the high end, radii there, sine and cosine of the half angle, 1
 for a ball (height of the centre as low and high, radius), 0 else, and the sign with which the sag of a triangle counts.
@@ -25,7 +25,7 @@ TOLERANCE = 1e-5
 # Tangents halve a bracket at least every other step, so this many always do.
 STEPS = 80
 # Triangles in a leaf of the tree.
-LEAF = 4
+LEAF = 8
 # Deepest stack of a tree that halves the number of triangles at every node.
 DEPTH = 64
 
@@ -58,10 +58,10 @@ def _part(order, low, high, middle, middles, axis):
 
 
 @njit(cache=True, nogil=True)
-def grow_tree(corners, middles, order, first, last, right, centre, radius):
+def grow_tree(corners, middles, sag, order, first, last, right, centre, half, radius, sags):
     """Sort `order` (T,) of the triangles `corners` (T, 3, 3) with their `middles` (T, 3) into a tree; returns its size.
 
-    first, last, right, centre, radius are those of its nodes, with room for 2 T.
+    sag (T,) of the triangles. first, last, right, centre, half, radius, sags are those of its nodes, with room for 2 T.
     """
     stack_low = np.empty(DEPTH, np.int64)
     stack_high = np.empty(DEPTH, np.int64)
@@ -93,7 +93,10 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
         square = 0.0
         for x in range(3):
             centre[count, x] = 0.5 * (least[x] + most[x])
+            half[count, x] = 0.5 * (most[x] - least[x])
+        sags[count] = 0.0
         for i in range(low, high):
+            sags[count] = max(sags[count], sag[order[i]])
             for k in range(3):
                 away = 0.0
                 for x in range(3):
@@ -329,14 +332,36 @@ def triangle_least(corners, px, py, pz, dx, dy, dz, section, cutoff):
 
 
 @njit(forceinline=True)
+def section_gradient(x, y, z, dx, dy, dz, section):
+    """Signed distance at a place relative to the pose's point, and a unit vector along which it grows at full rate."""
+    height = x * dx + y * dy + z * dz
+    x -= height * dx
+    y -= height * dy
+    z -= height * dz
+    r = np.sqrt(x * x + y * y + z * z)
+    value, by_height, by_r = section_slope(height, r, section)
+    # On the axis all directions across are alike, and none of them is as good: the distance is convex.
+    by_r = by_r / r if r > 1e-9 else 0.0
+    return value, by_height * dx + by_r * x, by_height * dy + by_r * y, by_height * dz + by_r * z
+
+
+@njit(forceinline=True)
 def node_bound(tree, node, px, py, pz, dx, dy, dz, section):
-    """What no triangle of a node is nearer than."""
-    x = tree.centre[node, 0] - px
-    y = tree.centre[node, 1] - py
-    w = tree.centre[node, 2] - pz
-    z = x * dx + y * dy + w * dz
-    r = np.sqrt(max(x * x + y * y + w * w - z * z, 0.0))
-    return section_slope(z, r, section)[0] - tree.radius[node] + min(section[7] * tree.sags[node], 0.0)
+    """What no triangle of a node is nearer than: the distance is convex, so that it lies above its tangent plane."""
+    value, nx, ny, nz = section_gradient(
+        tree.centre[node, 0] - px, tree.centre[node, 1] - py, tree.centre[node, 2] - pz, dx, dy, dz, section
+    )
+    fall = abs(nx) * tree.half[node, 0] + abs(ny) * tree.half[node, 1] + abs(nz) * tree.half[node, 2]
+    return value - min(fall, tree.radius[node]) + min(section[7] * tree.sags[node], 0.0)
+
+
+@njit(forceinline=True)
+def triangle_bound(corners, x, y, z, value, nx, ny, nz):
+    """What a triangle is not nearer than, from the signed distance at x, y, z and its gradient there."""
+    fall = np.inf
+    for k in range(3):
+        fall = min(fall, nx * (corners[k, 0] - x) + ny * (corners[k, 1] - y) + nz * (corners[k, 2] - z))
+    return value + fall
 
 
 @njit(cache=True, nogil=True)
@@ -363,8 +388,14 @@ def tree_least(tree, px, py, pz, dx, dy, dz, section, cutoff, stop):
             continue
         node = stack[waiting]
         if tree.right[node] < 0:
+            cx = tree.centre[node, 0]
+            cy = tree.centre[node, 1]
+            cz = tree.centre[node, 2]
+            middle, nx, ny, nz = section_gradient(cx - px, cy - py, cz - pz, dx, dy, dz, section)
             for i in range(tree.first[node], tree.last[node]):
                 sag = section[7] * tree.sag[i]
+                if triangle_bound(tree.corners[i], cx, cy, cz, middle, nx, ny, nz) + sag >= best:
+                    continue
                 value, x, y, z = triangle_least(tree.corners[i], px, py, pz, dx, dy, dz, section, best - sag)
                 if value + sag < best:
                     best = value + sag
@@ -552,25 +583,12 @@ def stays_apart(corners, sag, local, section, limit, turn, stretch, dx, dy, dz, 
     px = local[0, 0]
     py = local[0, 1]
     pz = local[0, 2]
-    x -= px
-    y -= py
-    z -= pz
-    height = x * dx + y * dy + z * dz
-    x -= height * dx
-    y -= height * dy
-    z -= height * dz
-    r = np.sqrt(x * x + y * y + z * z)
-    _, along, by_r = section_slope(height, r, section)
-    if r < 1e-9:
+    _, nx, ny, nz = section_gradient(x - px, y - py, z - pz, dx, dy, dz, section)
+    if nx * nx + ny * ny + nz * nz < 0.5:
+        # On the axis there is no such direction.
         return False
-    nx = along * dx + by_r / r * x
-    ny = along * dy + by_r / r * y
-    nz = along * dz + by_r / r * z
-    least = np.inf
-    for k in range(3):
-        least = min(
-            least, nx * (corners[k, 0] - px) + ny * (corners[k, 1] - py) + nz * (corners[k, 2] - pz)
-        )  # fmt: skip
+    along = nx * dx + ny * dy + nz * dz
+    least = triangle_bound(corners, px, py, pz, 0.0, nx, ny, nz)
     if least + sag - beyond_plane(local, section, turn, stretch, nx, ny, nz, along) >= limit:
         return True
     ux = corners[1, 0] - corners[0, 0]
@@ -626,8 +644,14 @@ def stretch_state(tree, local, dx, dy, dz, section, limit, turn, stretch, coarse
             continue
         node = stack[waiting]
         if tree.right[node] < 0:
+            cx = tree.centre[node, 0]
+            cy = tree.centre[node, 1]
+            cz = tree.centre[node, 2]
+            middle, nx, ny, nz = section_gradient(cx - px, cy - py, cz - pz, dx, dy, dz, section)
             for i in range(tree.first[node], tree.last[node]):
                 sag = section[7] * tree.sag[i]
+                if triangle_bound(tree.corners[i], cx, cy, cz, middle, nx, ny, nz) + sag >= cutoff:
+                    continue
                 value, x, y, z = triangle_least(tree.corners[i], px, py, pz, dx, dy, dz, section, cutoff - sag)
                 value += sag
                 if value >= cutoff:
