@@ -207,9 +207,7 @@ def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, ta
 
 
 @njit(cache=True)
-def _near_groups(
-    body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near
-):
+def _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near):
     """Which groups may be nearest to a point within `radius` of x, y, z, or nearer than `most`; returns how many."""
     for w in range(wide_poses.shape[0]):
         most = min(most, _at_pose(body, x, y, z, wide_poses[w]) + radius + _CERTAIN)
@@ -228,7 +226,21 @@ def _near_groups(
 
 @njit(cache=True, nogil=True)
 def least_distance(
-    points, start, block, cells, ways, joined, poses, reaches, wide_poses, wide_reaches, size, body, distance, where, tau
+    points,
+    start,
+    block,
+    cells,
+    ways,
+    joined,
+    poses,
+    reaches,
+    wide_poses,
+    wide_reaches,
+    size,
+    body,
+    distance,
+    where,
+    tau,
 ):
     """Least signed distance from each point to the body over all cells, where it is below `start`.
 
@@ -272,7 +284,18 @@ def least_distance(
                 g = near[k]
                 if _at_pose(body, x, y, z, poses[g]) - reaches[g] < best:
                     best, index, at = _search_cells(
-                        body, x, y, z, cells, ways, joined, g * size, min((g + 1) * size, cells.shape[0]), best, index, at
+                        body,
+                        x,
+                        y,
+                        z,
+                        cells,
+                        ways,
+                        joined,
+                        g * size,
+                        min((g + 1) * size, cells.shape[0]),
+                        best,
+                        index,
+                        at,
                     )
             distance[n], where[n], tau[n] = best, index, at
             if index >= 0:
