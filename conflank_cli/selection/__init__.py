@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 from typing import Any
 
 import numpy as np
@@ -76,7 +76,7 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
             of_face = [*(cut for cut in cut_off if cut.face == index), *cuts]
 
             def lost(asked: BoolArray, of_face: list[CutOff] = of_face) -> list[Lost]:
-                return [item for found in pool.map(lambda cut: judge.lost(cut, asked), of_face) for item in found]
+                return [item for found in pool.map(judge.lost, of_face, repeat(asked)) for item in found]
 
             covered = result.sweep >= 0
             remainders.append(

@@ -52,7 +52,7 @@ def obstruction_at(
     `slack` mm of violation is let pass. The cutter is held against the design faces only with `design`.
     """
     reached = reachable_axes(collider.scene.job, d)
-    # What is within its limits does not matter here; only how deep inside of an obstacle a tool is has to be looked for.
+    # What keeps its limits does not matter here; how deep inside of an obstacle a tool is has to be looked for.
     inside = any(body.closed for body in collider.bodies)
     found = collider.poses(p, d, tool, REACH if inside else 0.0)
     lack = np.where(reached[:, None], found.slack, np.inf)
