@@ -428,5 +428,9 @@ def _grown(mesh: CheckMesh, sag: Array) -> tuple[IntArray, Tree]:
     radius, sags = np.zeros(2 * count + 1), np.zeros(2 * count + 1)
     nodes = first, last, right, centre, half, radius, sags
     size = grow_tree(corners, corners.mean(axis=1), sag, order, *nodes) if count else 0
-    own = (of_node[:size].copy() for of_node in nodes)
-    return order, Tree(np.ascontiguousarray(corners[order]), np.ascontiguousarray(sag[order]), order, *own)
+    tree = Tree(
+        np.ascontiguousarray(corners[order]), np.ascontiguousarray(sag[order]), order, first[:size].copy(),
+        last[:size].copy(), right[:size].copy(), centre[:size].copy(), half[:size].copy(), radius[:size].copy(),
+        sags[:size].copy(),
+    )  # fmt: skip
+    return order, tree

@@ -33,6 +33,8 @@ NODES = 100
 TOOL_WORTH, DIRECTION_WORTH, ERROR_WORTH, OVERLAP_WORTH = 0.03, 0.01, 0.2, 0.1
 # So much of the area beyond the goal is kept where equally many sweeps give it.
 SPARE = 0.003
+# Smaller differences than this are no reason to take another cover than the one that covers most.
+TIE_STEP = 0.01
 # Machining time is told apart to this, s.
 TIME_STEP = 0.1
 # What a tool change and a way to and from a sweep take, s. They only weigh sweeps against each other; what a program
@@ -170,7 +172,10 @@ def choose(
         chosen = widened(covers, areas, chosen)
         goal_kept = min(goal + SPARE, share_covered(covers, areas, chosen))
         tie = _ties(items, covers, areas, errors, tools, change, 0.5 * (job.tolerance.overcut + job.tolerance.undercut))
-        chosen = cheapened(covers, areas, chosen, goal_kept, tie)
+        other = cheapened(covers, areas, chosen, goal_kept, tie)
+        dearer, cheaper = (tie.of(cover, share_covered(covers, areas, cover)) for cover in (chosen, other))
+        if dearer - cheaper >= TIE_STEP:
+            chosen = other
     return Chosen([items[k] for k in chosen], *greedy, found.price, found.bound, goal)
 
 

@@ -68,13 +68,13 @@ class Price:
     def with_each(self, chosen: Sequence[int]) -> Array:
         """Price of sets with each other one of all, (K,), area aside."""
         index = list(chosen)
-        classes = self.classes | self.classes[:, index].any(axis=1)[:, None]
+        classes = self.classes | self.classes[:, index].any(axis=1, keepdims=True)
         return np.asarray(self.sets[index].sum() + self.sets + self.of_class @ classes)
 
     def with_two(self, chosen: Sequence[int]) -> Array:
         """Price of sets with each two of all, (K, K), area aside."""
         index = list(chosen)
-        classes = self.classes | self.classes[:, index].any(axis=1)[:, None]
+        classes = self.classes | self.classes[:, index].any(axis=1, keepdims=True)
         # What two have of classes together is what each has less what both have.
         both = (classes * self.of_class[:, None]).T @ classes
         each = self.sets + self.of_class @ classes

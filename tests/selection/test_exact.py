@@ -57,7 +57,7 @@ def test_price_and_bound_against_all_choices(seed: int, count: int, goal: float,
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 9), st.integers(1, 3))
 def test_no_exchange_of_two_makes_it_cheaper(seed: int, count: int, size: int) -> None:
-    """Up to two sets are the cheapest of all that cover the goal; three are as cheap as any that share one with them."""
+    """Up to two sets are the cheapest of all that cover the goal; three, of all that share one with them."""
     rng = np.random.default_rng(seed)
     covers, areas = boxes(rng, count), rng.uniform(0.5, 2.0, SIDE**2)
     kinds = rng.integers(0, 2, count)
