@@ -55,7 +55,6 @@ from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
 from conflank_cli.optimization import (
     POINTS,
-    SCREEN_SPACING,
     optimize,
     prepare,
 )
@@ -447,7 +446,7 @@ def largest_sweeps(sweeps: Sequence[Sweep], job: Scene, most_mean: Sequence[floa
     tool, limits = job.tools[0], Limits.of(job.job.tolerance)
     face = WorkFace.under(job.faces[0], tool)
     coarse, dense = (face.samples(face.spacing(count)) for count in (POINTS, DENSE))
-    screen = Screen.of(job, SCREEN_SPACING)
+    screen = Screen.of(job)
 
     def first_look(sweep: Sweep) -> tuple[float, Motion] | None:
         allowed = screen.allowed(sweep.motion, tool)

@@ -48,7 +48,7 @@ from conflank_cli.passes import ball_passes
 from conflank_cli.posting import post_program
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
-from conflank_cli.selection import MOST_LIFT, POSTING, lifted
+from conflank_cli.selection.judging import MOST_LIFT, POSTING, lifted
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Section, Tool
 from conflank_cli.verification.verify import gaps_of, move_times, pose_program

@@ -39,8 +39,9 @@ from conflank_cli.job import load_job
 from conflank_cli.optimization import optimize
 from conflank_cli.progress import Progress, SilentProgress, make_progress
 from conflank_cli.scene import Scene
-from conflank_cli.selection import FINE_POINTS, POSTING, select
+from conflank_cli.selection import select
 from conflank_cli.selection.choice import Candidate, choose
+from conflank_cli.selection.judging import FINE_POINTS, POSTING
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Tool
 

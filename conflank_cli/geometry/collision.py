@@ -57,11 +57,11 @@ RAY = np.array([0.5377, 0.2147, 0.8154])
 
 
 class Tree(NamedTuple):
-    """Triangles in a tree of bounding spheres that halves their number at each node, numbered in preorder.
+    """Triangles in a tree of bounding boxes that halves their number at each node, numbered in preorder.
 
     corners (T, 3, 3) mm and sag (T,) mm of the triangles in the tree's order; order (T,) their numbers before.
     first, last (M,): the triangles of a node; right (M,): its second child (the first is the next node), -1 for a leaf.
-    centre (M, 3), radius (M,) of its bounding sphere; sags (M,): the largest sag in it.
+    centre (M, 3) of its box, half (M, 3) of the box's sides, radius (M,) of a sphere; sags (M,): the largest sag in it.
     """
 
     corners: Array
@@ -71,6 +71,7 @@ class Tree(NamedTuple):
     last: IntArray
     right: IntArray
     centre: Array
+    half: Array
     radius: Array
     sags: Array
 
@@ -423,12 +424,13 @@ def _grown(mesh: CheckMesh, sag: Array) -> tuple[IntArray, Tree]:
     count = len(corners)
     order = np.arange(count)
     first, last, right = (np.zeros(2 * count + 1, dtype=np.int64) for _ in range(3))
-    centre, radius = np.zeros((2 * count + 1, 3)), np.zeros(2 * count + 1)
-    size = grow_tree(corners, corners.mean(axis=1), order, first, last, right, centre, radius) if count else 0
-    ordered = np.ascontiguousarray(sag[order])
-    peaks = np.array([ordered[a:b].max() for a, b in zip(first[:size], last[:size], strict=True)])
+    centre, half = np.zeros((2 * count + 1, 3)), np.zeros((2 * count + 1, 3))
+    radius, sags = np.zeros(2 * count + 1), np.zeros(2 * count + 1)
+    nodes = first, last, right, centre, half, radius, sags
+    size = grow_tree(corners, corners.mean(axis=1), sag, order, *nodes) if count else 0
     tree = Tree(
-        np.ascontiguousarray(corners[order]), ordered, order, first[:size].copy(), last[:size].copy(),
-        right[:size].copy(), centre[:size].copy(), radius[:size].copy(), peaks.reshape(-1),
+        np.ascontiguousarray(corners[order]), np.ascontiguousarray(sag[order]), order, first[:size].copy(),
+        last[:size].copy(), right[:size].copy(), centre[:size].copy(), half[:size].copy(), radius[:size].copy(),
+        sags[:size].copy(),
     )  # fmt: skip
     return order, tree

@@ -110,8 +110,11 @@ def _dense(loop: Array, even: Callable[[Array], Array]) -> Array:
 
 def welded(mesh: CheckMesh) -> IntArray:
     """The triangles (M, 3) with vertices at the same place made one, since a mesher may repeat them."""
-    _, number = np.unique(np.round(mesh.vertices / WELD).astype(np.int64), axis=0, return_inverse=True)
-    return np.asarray(number.reshape(-1)[mesh.triangles.astype(np.int64)])
+    places = np.round(mesh.vertices / WELD).astype(np.int64)
+    order = np.lexsort(places.T)
+    number = np.empty(len(places), dtype=np.int64)
+    number[order] = np.cumsum((np.diff(places[order], axis=0, prepend=places[order[:1]]) != 0).any(axis=1))
+    return np.asarray(number[mesh.triangles.astype(np.int64)])
 
 
 def mesh_sags(mesh: CheckMesh) -> Array:
@@ -129,13 +132,14 @@ def mesh_sags(mesh: CheckMesh) -> Array:
     normal = np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0])
     area = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(area, 1e-300)[:, None]
-    edge = np.sort(np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+    ends = [(corners[:, k], corners[:, (k + 1) % 3]) for k in range(3)]
+    edge = np.concatenate([np.minimum(a, b) * len(mesh.vertices) + np.maximum(a, b) for a, b in ends])
     owner = np.tile(np.arange(len(corners)), 3)
     length = np.concatenate([np.linalg.norm(place[:, (k + 1) % 3] - place[:, k], axis=1) for k in range(3)])
     height = area[owner] / np.maximum(length, 1e-300)
-    order = np.lexsort((mesh.face[owner], edge[:, 1], edge[:, 0]))
+    order = np.lexsort((mesh.face[owner], edge))
     a, b = order[:-1], order[1:]
-    beside = (edge[a] == edge[b]).all(axis=1) & (mesh.face[owner[a]] == mesh.face[owner[b]])
+    beside = (edge[a] == edge[b]) & (mesh.face[owner[a]] == mesh.face[owner[b]])
     a, b = a[beside], b[beside]
     cosine = np.einsum("ij,ij->i", normal[owner[a]], normal[owner[b]])
     a, b, cosine = a[cosine > SMOOTH_EDGE], b[cosine > SMOOTH_EDGE], cosine[cosine > SMOOTH_EDGE]

@@ -32,8 +32,6 @@ _Result = TypeVar("_Result")
 POINTS = 2500
 # Points that sweeps are polished on: about so many, and no further apart than this, mm, but not more than the last.
 POLISH_POINTS, POLISH_SPACING, MOST_POINTS = 4000, 0.8, 20000
-# Points that sweeps are screened with while they grow, mm apart; selection screens more finely.
-SCREEN_SPACING = 0.8
 # Sweeps that are worked on at a time: those in good covers of a face with each of the tools and with all, about so many
 # for each. What has grown covers more, so that others complete it best: they are looked for anew so often, or until all
 # that would be chosen have been worked on.
@@ -145,7 +143,7 @@ def prepare(scene: Scene, keys: Iterable[tuple[int, str]]) -> dict[tuple[int, st
     weights = Weights(wishes.mu1, wishes.mu2, wishes.mu3, wishes.mu4, wishes.mu5)
     limits = Limits.of(job.tolerance)
     tools = {tool.name: tool for tool in scene.tools}
-    screen = Screen.of(scene, SCREEN_SPACING)
+    screen = Screen.of(scene)
     tasks: dict[tuple[int, str], Task] = {}
     for index, name in sorted(keys):
         tool = tools[name]

@@ -2,47 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from conflank_cli.cores import threads
 from conflank_cli.coverage import FaceCoverage, Reason
-from conflank_cli.geometry.certificate import Certificate, certify
-from conflank_cli.geometry.collision import Collider
-from conflank_cli.geometry.gap import motion_gap, travel
-from conflank_cli.geometry.screening import Screen, longest_between
-from conflank_cli.geometry.workface import FaceSamples, WorkFace
-from conflank_cli.limits import Limits
-from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.geometry.certificate import Certificate
+from conflank_cli.geometry.gap import travel
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.selection.choice import Candidate, Chosen, choose
-from conflank_cli.selection.obstruction import obstruction_of
+from conflank_cli.selection.judging import LIFTS, CutOff, Face, Judge
 from conflank_cli.selection.order import Cut, in_order
-from conflank_cli.selection.remainder import POINTS as SPARSE_POINTS
 from conflank_cli.selection.remainder import Lost, Remainder, why_left
 from conflank_cli.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Points on a face from which sweeps are chosen: their spacing, under a millimetre on a blade, is a fifth of the
-# narrowest patch worth a sweep. A choice makes the most of where they lie, which flatters its coverage by up to 0.2 %.
-POINTS = 6000
-# Points on a face on which a choice is measured: with four times as many no coverage changes by more than 0.05 %.
-FINE_POINTS = 24000
-# What posting may change of the swept gap, mm: so much of the tolerance is left to it.
-POSTING = 0.0005
 # How often the coverage asked for is raised by what the fine points find missing.
 RAISES = 3
-# A sweep that overcuts by at most this share of the band too much is moved off the face rather than cut short, by so
-# much more than what is missing, so many times.
-MOST_LIFT, LIFT_MORE, LIFTS = 0.3, 1.1, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,31 +46,6 @@ class Choice:
     coverage: list[FaceCoverage]
 
 
-def lifted(motion: Motion, samples: FaceSamples, amount: float) -> Motion:
-    """The motion moved off the face by about `amount` mm: across its axis, away from the metal."""
-    knots = motion.knots
-    p, q = motion.ends(np.mean([knots[k : len(knots) - DEGREE - 1 + k] for k in (1, 2, 3)], axis=0))
-    normal = samples.normals[cKDTree(samples.points).query(0.5 * (p + q))[1]]
-    axis = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
-    away = normal - np.einsum("ij,ij->i", normal, axis)[:, None] * axis
-    away *= amount / np.linalg.norm(away, axis=1)[:, None]
-    return replace(motion, p=motion.p + away, q=motion.q + away)
-
-
-@dataclass(frozen=True, slots=True)
-class _Face:
-    """A design face with the points it is judged on, from few to many."""
-
-    work: WorkFace
-    sparse: FaceSamples
-    coarse: FaceSamples
-    fine: FaceSamples
-
-    @classmethod
-    def of(cls, work: WorkFace) -> _Face:
-        return cls(work, *(work.samples(work.spacing(count)) for count in (SPARSE_POINTS, POINTS, FINE_POINTS)))
-
-
 def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
     """Choose sweeps for every face in turn, and put them in cutting order.
 
@@ -93,176 +53,93 @@ def select(scene: Scene, sweeps: list[Sweep], progress: Progress) -> Choice:
     its face. What is chosen is held against whole triangles, between its poses too, and trimmed again where it must be,
     and has a certificate that it overcuts nowhere, not only at points.
     """
-    job = scene.job
-    tolerance = job.tolerance
-    over, under = tolerance.overcut - POSTING, tolerance.undercut - POSTING
-    limits = Limits.of(tolerance)
-    aim = limits.allowance - tolerance.allowance
-    tools = {tool.name: tool for tool in scene.tools}
-    faces = [_Face.of(WorkFace.of(design, 0.0)) for design in scene.faces]
-    screen = Screen.of(scene)
-    collider = Collider.of(scene)
-
-    def within(sweep: Sweep, samples: FaceSamples) -> BoolArray:
-        gap = motion_gap(sweep.motion, tools[sweep.tool], samples.points, tolerance.allowance)[0]
-        return np.asarray((gap >= -over) & (gap <= under))
-
-    def judged(sweep: Sweep) -> tuple[Candidate, float]:
-        """A sweep as a candidate, and by how much it overcuts beyond the tolerance at the points of the choice."""
-        tool, points = tools[sweep.tool], faces[sweep.face].coarse.points
-        gap = motion_gap(sweep.motion, tool, points, tolerance.allowance)[0]
-        candidate = Candidate.of(sweep, tool, gap, (gap >= -over) & (gap <= under), job.program.safe.clearance)
-        return candidate, float(-over - gap.min())
-
-    def raised(sweep: Sweep, excess: float) -> Candidate | None:
-        """The sweep moved off the face by what it overcuts too much, None where that is too much or does not help."""
-        for _ in range(LIFTS):
-            if excess > MOST_LIFT * (over + under):
-                return None
-            motion = lifted(sweep.motion, faces[sweep.face].sparse, LIFT_MORE * excess)
-            sweep = replace(sweep, motion=motion)
-            candidate, excess = judged(sweep)
-            if excess <= 0.0:
-                return candidate
-        return None
-
-    def trimmed(sweep: Sweep) -> tuple[Candidate | None, list[Sweep]]:
-        """What of a sweep may be cut, and what it was before something was taken off."""
-        able, before = free_part(sweep)
-        if before:
-            # What overcuts a little all along is no longer hit once it is moved off the face.
-            excess = judged(sweep)[1]
-            if excess > 0.0 and (up := raised(sweep, excess)) is not None:
-                able += free_part(up.sweep)[0]
-        areas = faces[sweep.face].coarse.areas
-        return max(able, key=lambda item: float(areas[item.covered].sum()), default=None), before
-
-    def free_part(sweep: Sweep) -> tuple[list[Candidate], list[Sweep]]:
-        """Its longest stretch without collision or overcut, and what it was before each time that it was cut short."""
-        tool, before = tools[sweep.tool], []
-        motion = screen.allowed(sweep.motion, tool)
-        if motion is not sweep.motion:
-            before.append(sweep)
-            if motion is None:
-                return [], before
-        own = replace(sweep, motion=motion)
-        candidate, excess = judged(own)
-        if excess <= 0.0:
-            return [candidate], before
-        # Between the poses and points of the screen a sweep may still cut deeper; its swept gap has the last word.
-        before.append(own)
-        time_ = motion_gap(motion, tool, faces[sweep.face].coarse.points, tolerance.allowance)[1]
-        motion = longest_between(motion, time_[candidate.gap < -over])
-        if motion is None:
-            return [], before
-        candidate, excess = judged(replace(sweep, motion=motion))
-        return [candidate] if excess <= 0.0 else [], before
-
-    def without_collision(item: Candidate) -> Candidate | None:
-        """The same item where nothing is hit, else what is left of it."""
-        motion = collider.allowed(item.sweep.motion, tools[item.sweep.tool])
-        if motion is None or motion is item.sweep.motion:
-            return item if motion is not None else None
-        return judged(replace(item.sweep, motion=motion))[0]
-
-    def losses(sweep: Sweep, kept: Candidate | None, before: list[Sweep]) -> list[Lost]:
-        sparse = faces[sweep.face].sparse
-        rest = np.zeros(len(sparse.areas), dtype=np.bool_) if kept is None else within(kept.sweep, sparse)
-        found = []
-        for more in reversed(before):
-            covered = within(more, sparse)
-            if np.any(covered & ~rest):
-                what = obstruction_of(collider, more.motion, tools[sweep.tool]) if more is sweep else None
-                found.append(Lost(Reason.OVERCUT, None, covered) if what is None else Lost.to(what, covered))
-            rest |= covered
-        return found
-
+    judge = Judge.of(scene)
     with progress.stage("select", len(sweeps)) as stage, threads() as pool:
         kept: list[Candidate] = []
-        cut_off: list[tuple[Sweep, Candidate | None, list[Sweep]]] = []
-        for sweep, (candidate, before) in zip(sweeps, pool.map(trimmed, sweeps), strict=True):
+        cut_off: list[CutOff] = []
+        for candidate, cut in pool.map(judge.trimmed, sweeps):
             stage.advance()
             if candidate is not None:
                 kept.append(candidate)
-            if before:
-                cut_off.append((sweep, candidate, before))
+            if cut is not None:
+                cut_off.append(cut)
 
         results: list[_Result] = []
-        able: list[list[Candidate]] = []
-        for index, face in enumerate(faces):
-
-            def certificate(item: Candidate, face: _Face = face) -> Certificate:
-                # A certificate is about the face that is aimed at, which lies off the design face by `aim`.
-                room = replace(limits, over=over + aim, under=under - aim)
-                found = certify(item.sweep.motion, tools[item.sweep.tool], face.work, room)
-                return replace(found, overcut=found.overcut - aim, gap=found.gap + abs(aim))
-
-            def fine_gap(item: Candidate, face: _Face = face) -> Array:
-                return motion_gap(item.sweep.motion, tools[item.sweep.tool], face.fine.points, tolerance.allowance)[0]
-
-            own = [item for item in kept if item.sweep.face == index]
+        remainders: list[Remainder] = []
+        able = 0
+        for index, face in enumerate(judge.faces):
             at_hand = {item.sweep.tool for result in results for item in result.chosen.items}
-            target = job.selection.coverage
-            certificates: dict[Candidate, Certificate] = {}
-            cleared: set[Candidate] = set()
-            lifts: dict[Candidate, int] = {}
-            gaps: dict[Candidate, Array] = {}
-            raises, exact = 0, False
-            while True:
-                chosen = choose(own, face.coarse.areas, face.coarse.cell, job, at_hand, target, exact=exact)
-                new = [item for item in chosen.items if item not in cleared]
-                rest = dict(zip(new, pool.map(without_collision, new), strict=True))
-                cleared |= {item for item in rest.values() if item is not None}
-                hit = [item for item in new if rest[item] is not item]
-                if hit:
-                    cut_off.extend((item.sweep, rest[item], [item.sweep]) for item in hit)
-                    own = [item for item in (rest.get(item, item) for item in own) if item is not None]
-                    continue
-                # A spot of overcut can hide between the points of the choice, but not from the certificate.
-                new = [item for item in chosen.items if item not in certificates]
-                certificates |= {item: found for item, found in zip(new, pool.map(certificate, new), strict=True)}
-                gaps |= {item: found for item, found in zip(new, pool.map(fine_gap, new), strict=True)}
-                gouging = [item for item in chosen.items if certificates[item].overcut > over]
-                if gouging:
-                    own = [item for item in own if item not in gouging]
-                    for item in gouging:
-                        instead = None
-                        if lifts.get(item, 0) < LIFTS:
-                            instead = raised(item.sweep, certificates[item].overcut - over)
-                        if instead is None:
-                            cut_off.append((item.sweep, None, [replace(item.sweep)]))
-                        else:
-                            lifts[instead] = lifts.get(item, 0) + 1
-                            own.append(instead)
-                    continue
-                if not exact:
-                    # Most of what gouges shows itself while choosing is quick.
-                    exact = True
-                    continue
-                result = _Result.of(face, chosen, [gaps[item] for item in chosen.items], under)
-                short = job.selection.coverage - result.share
-                if chosen.goal < target or short <= 0.0 or raises == RAISES:
-                    break
-                raises += 1
-                target = min(target + 1.05 * short, 1.0)
-            able.append(own)
-            results.append(replace(result, certificates=[certificates[item] for item in chosen.items]))
+            own = [item for item in kept if item.sweep.face == index]
+            result, own, cuts = _chosen(judge, face, own, at_hand, pool)
+            results.append(result)
+            able += len(own)
+            of_face = [*(cut for cut in cut_off if cut.face == index), *cuts]
 
-        lost: list[list[Lost]] = []
-        for index, result in enumerate(results):
-            lost.append([])
-            if (result.sweep < 0).any():
-                of_face = [item for item in cut_off if item[0].face == index]
-                for found in pool.map(lambda item: losses(*item), of_face):
-                    lost[-1].extend(found)
-        remainders = [
-            why_left(
-                scene, index, face.fine, result.sweep >= 0, face.coarse,
-                able[index], face.sparse, lost[index], collider,
+            def lost(asked: BoolArray, of_face: list[CutOff] = of_face) -> list[Lost]:
+                return [item for found in pool.map(judge.lost, of_face, repeat(asked)) for item in found]
+
+            covered = result.sweep >= 0
+            remainders.append(
+                why_left(scene, index, face.fine, covered, face.coarse, own, face.sparse, lost, judge.collider)
             )
-            for index, (face, result) in enumerate(zip(faces, results, strict=True))
-        ]  # fmt: skip
-    return _finished(scene, faces, results, remainders, len(sweeps), sum(map(len, able)))
+    return _finished(scene, judge.faces, results, remainders, len(sweeps), able)
+
+
+def _chosen(
+    judge: Judge, face: Face, own: list[Candidate], at_hand: Collection[str], pool: Executor
+) -> tuple[_Result, list[Candidate], list[CutOff]]:
+    """The choice for a face, the candidates that are left, and what was taken off others on the way.
+
+    First quick choices, until none of their sweeps hits or overcuts anything that can be seen at points; then exact
+    ones, until each sweep has a certificate too, and until their coverage holds where it is measured.
+    """
+    job = judge.scene.job
+    target = job.selection.coverage
+    cuts: list[CutOff] = []
+    cleared: set[Candidate] = set()
+    gaps: dict[Candidate, Array] = {}
+    certificates: dict[Candidate, Certificate] = {}
+    lifts: dict[Candidate, int] = {}
+    raises, exact = 0, False
+    while True:
+        chosen = choose(own, face.coarse.areas, face.coarse.cell, job, at_hand, target, exact=exact)
+        new = [item for item in chosen.items if item not in cleared]
+        instead = dict(zip(new, pool.map(judge.without_collision, new), strict=True))
+        cleared |= {item for item in instead.values() if item is not None}
+        hit = [item for item in new if instead[item] is not item]
+        if hit:
+            cuts += [CutOff(((item.sweep, True),), instead[item]) for item in hit]
+            own = [item for item in (instead.get(item, item) for item in own) if item is not None]
+            continue
+        # A spot of overcut can hide between the points of the choice, and between finer ones, but not from the
+        # certificate, which takes longer.
+        new = [item for item in chosen.items if item not in gaps]
+        fine = pool.map(lambda item: judge.gap(item.sweep, face.fine.points)[0], new)
+        gaps |= dict(zip(new, fine, strict=True))
+        if exact:
+            new = [item for item in chosen.items if item not in certificates]
+            certificates |= dict(zip(new, pool.map(judge.certificate, new), strict=True))
+        overcut = {item: certificates[item].overcut if exact else -float(gaps[item].min()) for item in chosen.items}
+        gouging = [item for item in chosen.items if overcut[item] > judge.over]
+        if gouging:
+            own = [item for item in own if item not in gouging]
+            for item in gouging:
+                up = judge.raised(item, overcut[item] - judge.over) if lifts.get(item, 0) < LIFTS else None
+                if up is None:
+                    cuts.append(CutOff(((item.sweep, False),), None))
+                else:
+                    lifts[up] = lifts.get(item, 0) + 1
+                    own.append(up)
+            continue
+        if not exact:
+            exact = True
+            continue
+        result = _Result.of(face, chosen, [gaps[item] for item in chosen.items], judge.under)
+        short = job.selection.coverage - result.share
+        if chosen.goal < target or short <= 0.0 or raises == RAISES:
+            return replace(result, certificates=[certificates[item] for item in chosen.items]), own, cuts
+        raises += 1
+        target = min(target + 1.05 * short, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +164,7 @@ class _Result:
     certificates: list[Certificate]
 
     @classmethod
-    def of(cls, face: _Face, chosen: Chosen, gaps: list[Array], under: float) -> _Result:
+    def of(cls, face: Face, chosen: Chosen, gaps: list[Array], under: float) -> _Result:
         areas = face.fine.areas
         every = np.array(gaps).reshape(len(gaps), len(areas))
         covered = every <= under
@@ -305,7 +182,7 @@ class _Result:
 
 
 def _finished(
-    scene: Scene, faces: list[_Face], results: list[_Result], remainders: list[Remainder], screened: int, kept: int
+    scene: Scene, faces: Sequence[Face], results: list[_Result], remainders: list[Remainder], screened: int, kept: int
 ) -> Choice:
     """Sweeps in cutting order with their facts, the summary, and the coverage point by point."""
     described: list[Sweep] = []

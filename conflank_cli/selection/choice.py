@@ -16,7 +16,7 @@ import numpy.typing as npt
 from conflank_cli.cover import LEAST_AREA, fewest_cover, greedy_cover, mean_errors, share_covered
 from conflank_cli.geometry.gap import travel
 from conflank_cli.job import Job
-from conflank_cli.selection.exact import Price, exact_cover, widened
+from conflank_cli.selection.exact import Price, cheapened, exact_cover, widened
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 
@@ -26,15 +26,14 @@ BoolArray = npt.NDArray[np.bool_]
 
 # A sweep that adds less than this share of what all of them together cover is not worth its time.
 LEAST_GAIN = 0.005
-# Limits of branch-and-bound nodes: for the fewest or quickest sweeps, and for the best of equally many. Most faces are
-# proven with fewer; the limits are there for the few that would take minutes.
-NODES, TIE_NODES = 100, 20
+# Limit of branch-and-bound nodes. Most faces are proven with fewer; it is there for the few that would take minutes.
+NODES = 100
 # What decides between covers of equally many sweeps, in shares of the area that it is worth: one tool less, one
 # direction less, a mean |g| that is smaller by the whole tolerance, overlap.
 TOOL_WORTH, DIRECTION_WORTH, ERROR_WORTH, OVERLAP_WORTH = 0.03, 0.01, 0.2, 0.1
 # So much of the area beyond the goal is kept where equally many sweeps give it.
 SPARE = 0.003
-# Smaller differences than this are no reason to look further.
+# Smaller differences than this are no reason to take another cover than the one that covers most.
 TIE_STEP = 0.01
 # Machining time is told apart to this, s.
 TIME_STEP = 0.1
@@ -173,8 +172,10 @@ def choose(
         chosen = widened(covers, areas, chosen)
         goal_kept = min(goal + SPARE, share_covered(covers, areas, chosen))
         tie = _ties(items, covers, areas, errors, tools, change, 0.5 * (job.tolerance.overcut + job.tolerance.undercut))
-        more = exact_cover(covers, areas, cells, goal_kept, tie, chosen, TIE_STEP, TIE_NODES, most=len(chosen))
-        chosen = more.chosen
+        other = cheapened(covers, areas, chosen, goal_kept, tie)
+        dearer, cheaper = (tie.of(cover, share_covered(covers, areas, cover)) for cover in (chosen, other))
+        if dearer - cheaper >= TIE_STEP:
+            chosen = other
     return Chosen([items[k] for k in chosen], *greedy, found.price, found.bound, goal)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +65,21 @@ class Price:
         used = self.classes[:, index].any(axis=1)
         return float(self.sets[index].sum() + self.of_class[used].sum() - self.area * share)
 
+    def with_each(self, chosen: Sequence[int]) -> Array:
+        """Price of sets with each other one of all, (K,), area aside."""
+        index = list(chosen)
+        classes = self.classes | self.classes[:, index].any(axis=1, keepdims=True)
+        return np.asarray(self.sets[index].sum() + self.sets + self.of_class @ classes)
+
+    def with_two(self, chosen: Sequence[int]) -> Array:
+        """Price of sets with each two of all, (K, K), area aside."""
+        index = list(chosen)
+        classes = self.classes | self.classes[:, index].any(axis=1, keepdims=True)
+        # What two have of classes together is what each has less what both have.
+        both = (classes * self.of_class[:, None]).T @ classes
+        each = self.sets + self.of_class @ classes
+        return np.asarray(self.sets[index].sum() + each[:, None] + each - both)
+
     def only(self, index: IntArray) -> Price:
         """The same for some of the sets."""
         return Price(self.sets[index], self.classes[:, index], self.of_class, self.area)
@@ -99,7 +115,6 @@ def exact_cover(
     incumbent: list[int],
     step: float,
     nodes: int,
-    most: int | None = None,
 ) -> ExactCover:
     """The cheapest sets that cover the share `goal` of the area.
 
@@ -109,11 +124,10 @@ def exact_cover(
     areas: (N,), area of each point.
     cells: (N, 2), row and column of each point on a grid, by which points are taken together.
     goal: share of the area.
-    price: what is to be least.
+    price: what is to be least; area is not credited.
     incumbent: a cover that reaches the goal; the answer is never worse.
     step: an improvement by less than this is not looked for. Prices that are whole multiples of it sharpen the bound.
     nodes: limit of branch-and-bound nodes in all. Equal inputs give equal covers, as a limit of time would not.
-    most: largest number of sets.
     """
     left = nodes
     index = undominated(covers, price, keep=incumbent)
@@ -121,18 +135,18 @@ def exact_cover(
     place = {int(k): i for i, k in enumerate(index)}
     total = float(areas.sum())
     weighted = np.ascontiguousarray(own * areas, dtype=np.float32)
-    whole = not price.area and not np.any(np.mod(price.sets, step)) and not np.any(np.mod(price.of_class, step))
+    whole = not np.any(np.mod(price.sets, step)) and not np.any(np.mod(price.of_class, step))
 
     def share(chosen: Sequence[int]) -> float:
         return float(areas[own[list(chosen)].any(axis=0)].sum()) / total
 
     best = [place[k] for k in incumbent]
     least = prices.of(best, share(best))
-    bound = 0.0 if not price.area else -price.area
+    bound = 0.0
     sizes = np.full(len(areas), BLOCK_SIZES[0], dtype=np.int64)
     relaxed = True
     while bound < least - 1e-9:
-        model = _Model.of(own, areas, _blocks(cells, sizes, own), goal, prices, most)
+        model = _Model.of(own, areas, _blocks(cells, sizes, own), goal, prices)
         if relaxed:
             # Whatever becomes of the integers, this holds.
             bound = max(bound, _rounded(model.relaxed(), step if whole else 0.0))
@@ -233,6 +247,46 @@ def exchanged(
     return chosen
 
 
+def cheapened(covers: BoolArray, areas: Array, chosen: list[int], goal: float, price: Price) -> list[int]:
+    """As many sets that still cover the share `goal` at a lower price, by exchanging one of them or two for others.
+
+    Of two sets it is the best exchange of all, of more one that no exchange of two betters.
+    """
+    total = float(areas.sum())
+    weighted = np.ascontiguousarray(covers * areas, dtype=np.float32)
+    counts = covers.astype(np.float32)
+    chosen = list(chosen)
+    least = price.of(chosen, float(areas[covers[chosen].any(axis=0)].sum()) / total)
+    for _ in range(EXCHANGES):
+        best: tuple[float, list[int]] | None = None
+        for size in (1, 2):
+            # Two are exchanged where exchanging one does not help.
+            for out in combinations(range(len(chosen)), size) if best is None else ():
+                rest = [k for place, k in enumerate(chosen) if place not in out]
+                open_ = ~covers[rest].any(axis=0)
+                area = float(areas[~open_].sum())
+                gains = weighted[:, open_].sum(axis=1, dtype=np.float64)
+                prices = price.with_each(rest)
+                if size == 1:
+                    area_with = area + gains
+                else:
+                    area_with = area + gains[:, None] + gains - weighted[:, open_] @ counts[:, open_].T
+                    prices = price.with_two(rest)
+                prices = prices - price.area * area_with / total
+                if size == 2:
+                    np.fill_diagonal(prices, np.inf)
+                    prices[rest] = np.inf
+                prices[..., rest] = np.inf
+                prices[area_with < (goal - ROUNDING) * total] = np.inf
+                place = int(np.argmin(prices))
+                if prices.ravel()[place] < (least if best is None else best[0]) - ROUNDING:
+                    best = (float(prices.ravel()[place]), [*rest, *map(int, np.unravel_index(place, prices.shape))])
+        if best is None:
+            break
+        least, chosen = best
+    return sorted(chosen)
+
+
 @dataclass(frozen=True, slots=True)
 class _Answer:
     """What a program of blocks gave: sets, a bound on their price, whether there are none, nodes it took."""
@@ -255,17 +309,14 @@ class _Model:
     areas: Array
     goal: float
     price: Price
-    most: int | None
 
     @classmethod
-    def of(
-        cls, covers: BoolArray, areas: Array, block: IntArray, goal: float, price: Price, most: int | None
-    ) -> _Model:
+    def of(cls, covers: BoolArray, areas: Array, block: IntArray, goal: float, price: Price) -> _Model:
         count = int(block.max()) + 1
         in_block = np.bincount(block, areas, count)
         to_block = csr_matrix((areas, (np.arange(len(areas)), block)), shape=(len(areas), count))
         shares = np.asarray(covers.astype(np.float64) @ to_block) / in_block
-        return cls(block, shares, in_block / areas.sum(), goal, price, most)
+        return cls(block, shares, in_block / areas.sum(), goal, price)
 
     def relaxed(self) -> float:
         """Least price with sets taken in part."""
@@ -297,11 +348,9 @@ class _Model:
         cover = hstack([csr_matrix(-self.shares[:, able].T), csr_matrix((blocks, classes)), eye_array(blocks)])
         limits = [LinearConstraint(cover.tocsr(), -np.inf, 0.0)]
         limits.append(LinearConstraint(np.r_[np.zeros(sets + classes), areas], self.goal, np.inf))
-        cost = np.r_[self.price.sets, self.price.of_class, -self.price.area * areas]
+        cost = np.r_[self.price.sets, self.price.of_class, np.zeros(blocks)]
         if np.isfinite(limit):
             limits.append(LinearConstraint(cost, -np.inf, limit))
-        if self.most is not None:
-            limits.append(LinearConstraint(np.r_[np.ones(sets), np.zeros(classes + blocks)], 0.0, self.most))
         if classes:
             number, member = np.nonzero(self.price.classes)
             row = np.arange(len(member))

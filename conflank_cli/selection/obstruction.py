@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.geometry.collision import COMPONENTS, Collider
+from conflank_cli.geometry.collision import COMPONENTS, REACH, Collider
 from conflank_cli.machine_frame import reachable_axes
 from conflank_cli.motion import Motion
 from conflank_cli.tool import Tool
@@ -52,7 +52,9 @@ def obstruction_at(
     `slack` mm of violation is let pass. The cutter is held against the design faces only with `design`.
     """
     reached = reachable_axes(collider.scene.job, d)
-    found = collider.poses(p, d, tool)
+    # What keeps its limits does not matter here; how deep inside of an obstacle a tool is has to be looked for.
+    inside = any(body.closed for body in collider.bodies)
+    found = collider.poses(p, d, tool, REACH if inside else 0.0)
     lack = np.where(reached[:, None], found.slack, np.inf)
     if not design:
         own = np.array([body.name == "design face" for body in collider.bodies], dtype=np.bool_)

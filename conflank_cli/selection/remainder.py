@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,7 +73,7 @@ def why_left(
     coarse: FaceSamples,
     candidates: Sequence[Candidate],
     sparse: FaceSamples,
-    lost: Sequence[Lost],
+    lost: Callable[[BoolArray], Sequence[Lost]],
     collider: Collider,
 ) -> Remainder:
     """The reason why each point of a face is left.
@@ -87,7 +87,7 @@ def why_left(
     index: of the face.
     fine, covered: points that the reason is asked for, and which of them the plan covers.
     coarse, candidates: points of the candidates' gaps, and the candidates.
-    sparse, lost: points of what was lost, and that.
+    sparse, lost: points of what was lost, and that, at those of them that it is asked for.
     collider: what lines are held against.
     """
     reason = np.full(len(fine.areas), int(Reason.COVERED), dtype=np.int64)
@@ -106,11 +106,14 @@ def why_left(
         why[able.any(axis=0)] = Reason.SMALL
         why[able[enough].any(axis=0)] = Reason.NOT_CHOSEN
 
-    if lost:
+    if (why < 0).any():
         near = cKDTree(sparse.points).query(places)[1]
+        asked = np.zeros(len(sparse.areas), dtype=np.bool_)
+        asked[near[why < 0]] = True
+        found = lost(asked)
         # Where several would have covered a point, what is in the way counts before what would be cut too deep.
         for kind in (Reason.COLLISION, Reason.MACHINE, Reason.OVERCUT):
-            own = [item for item in lost if item.reason == kind]
+            own = [item for item in found if item.reason == kind]
             if not own:
                 continue
             there = np.any([item.covered for item in own], axis=0)[near] & (why < 0)
@@ -123,8 +126,7 @@ def why_left(
 
     open_ = np.flatnonzero(why < 0)
     if len(open_):
-        found = _by_lines(scene, index, places[open_], areas[open_], obstructions, collider)
-        why[open_] = found
+        why[open_] = _by_lines(scene, index, places[open_], areas[open_], obstructions, collider)
     reason[left] = why
     return Remainder(reason, dict(sorted(obstructions.items(), key=lambda item: (-item[1], item[0]))))
 

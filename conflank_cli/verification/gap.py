@@ -11,13 +11,15 @@ import numpy.typing as npt
 from conflank_cli.cores import spread
 from conflank_cli.geometry.kernels.verified_gap import least_distance
 from conflank_cli.tool import Section, Tool
-from conflank_cli.verification.poses import GROUP, Cells, group_cells, unbroken, with_slack
+from conflank_cli.verification.poses import GROUP, Cells, cell_ways, group_cells, unbroken, with_slack
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-# Fewer points than this are not worth a thread.
-WORTH_A_THREAD = 64
+# Points that are held against a motion together before each is by itself; and blocks that are worth a thread.
+BLOCK, WORTH_A_THREAD = 32, 8
+# Points are sorted by which of so many cubes along each axis they are in; a power of two.
+CUBES = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,57 @@ class Nearest:
     share: Array
 
 
+@dataclass(frozen=True, slots=True)
+class BodyMotion:
+    """A continuous motion as a body feels it, made ready for the kernel.
+
+    Attributes
+    ----------
+    body: the body.
+    cells: the motion, every unbroken run filled up to whole wide groups.
+    table: the same with the slack of the body.
+    ways, joined, groups: what the kernel asks of cells and of groups of them.
+    """
+
+    body: Body
+    cells: Cells
+    table: Array
+    ways: Array
+    joined: npt.NDArray[np.bool_]
+    groups: tuple[Array, Array, Array, Array]
+
+    @classmethod
+    def of(cls, cells: Cells, body: Body) -> BodyMotion:
+        """Prepare a motion, of at least one cell."""
+        cells = unbroken(cells)
+        table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
+        size = body.low, body.high, body.radius
+        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size))
+
+    def nearest(self, points: Array, start: Array | float = np.inf) -> Nearest:
+        """As `nearest`."""
+        count = len(points)
+        order = spatial_order(points)
+        ordered = np.ascontiguousarray(points[order])
+        begin = np.full(count, start, dtype=np.float64)[order]
+        distance, where, tau = np.empty(count), np.empty(count, np.int64), np.empty(count)
+
+        def run(blocks: slice) -> None:
+            part = slice(blocks.start * BLOCK, blocks.stop * BLOCK)
+            least_distance(
+                ordered[part], begin[part], BLOCK, self.table, self.ways, self.joined, *self.groups, GROUP,
+                self.body.numbers, distance[part], where[part], tau[part],
+            )  # fmt: skip
+
+        spread(run, -(-count // BLOCK), WORTH_A_THREAD)
+        found = where >= 0
+        result = Nearest(np.empty(count), np.empty(count, np.int64), np.empty(count))
+        result.distance[order] = distance
+        result.move[order] = np.where(found, self.cells.move[where], -1)
+        result.share[order] = np.where(found, self.cells.begin[where] + tau * self.cells.width[where], 0.0)
+        return result
+
+
 def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.inf) -> Nearest:
     """Least signed distance from points to a body over a continuous motion, and where on the program it occurs.
 
@@ -125,26 +178,24 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     Exact to 0.001 um over the poses of the cells (golden tests: a dense search of poses).
     """
     count = len(points)
-    begin = np.full(count, start, dtype=np.float64)
     if len(cells.cells) == 0 or count == 0:
-        return Nearest(begin, np.full(count, -1, dtype=np.int64), np.zeros(count))
-    cells = unbroken(cells)
-    table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
-    poses, reaches, wide_poses, wide_reaches = group_cells(table, body.low, body.high, body.radius)
-    points = np.ascontiguousarray(points, dtype=np.float64)
-    distance, where, tau = np.empty(count), np.empty(count, np.int64), np.empty(count)
+        return Nearest(np.full(count, start, dtype=np.float64), np.full(count, -1, dtype=np.int64), np.zeros(count))
+    return BodyMotion.of(cells, body).nearest(np.asarray(points, dtype=np.float64), start)
 
-    def run(part: slice) -> None:
-        least_distance(
-            points[part], begin[part], table, poses, reaches, GROUP, wide_poses, wide_reaches, GROUP, body.numbers,
-            distance[part], where[part], tau[part],
-        )  # fmt: skip
 
-    spread(run, count, WORTH_A_THREAD)
-    found = where >= 0
-    move = np.where(found, cells.move[where], -1)
-    share = np.where(found, cells.begin[where] + tau * cells.width[where], 0.0)
-    return Nearest(distance, move, share)
+def spatial_order(points: Array) -> Integers:
+    """Indices (N,) that put points (N, 3) in an order in which successive ones are close together.
+
+    Source: Morton (1966): by the digits of their coordinates' cubes, taken in turn.
+    """
+    low = points.min(axis=0)
+    size = float((points.max(axis=0) - low).max())
+    cube = ((points - low) * ((CUBES - 1) / max(size, 1e-300))).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for digit in range(CUBES.bit_length() - 1):
+        for axis in range(3):
+            code |= ((cube[:, axis] >> digit) & 1) << (3 * digit + axis)
+    return np.argsort(code, kind="stable")
 
 
 def distance_to_cutter(tool: Tool, points: Array, tip: Array, axis: Array) -> Array:

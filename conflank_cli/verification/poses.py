@@ -26,6 +26,9 @@ CELL_TURN = radians(0.5)
 """Largest turn of the axis, or of a rotary axis, within a cell. The parabola through three axes of a cell is then off
 by less than the cube of it over 100, 7e-9 rad: 0.001 um on a tool 100 mm long."""
 
+SAME = 1e-8
+"""Poses between which no point of the cutter moves further are one, mm: 0.00001 um."""
+
 GROUP = 8
 """Cells in a group, and groups in a wide group."""
 
@@ -171,18 +174,29 @@ def _bound(poses: Array, centres: Array, low: float, high: float, radius: float)
     return np.asarray(np.maximum(*ends) + radius * np.linalg.norm(axis, axis=-1))
 
 
+def cell_ways(cells: Array, low: float, high: float, radius: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """The most any point of a body moves from the beginning of each cell within it and to that of the next, (M,) mm.
+
+    And whether it does not move from the end of a cell to the beginning of the next, (M,).
+
+    cells: (M, 16). low, high, radius: the body lies between these heights above the tip and within this radius, mm.
+    """
+    starts, ends = _starts(cells), _ends(cells)
+    way = _bound(ends, starts, low, high, radius) + _bow(cells, low, high, radius)
+    way[:-1] = np.maximum(way[:-1], _bound(starts[1:], starts[:-1], low, high, radius))
+    joined = np.append(_bound(starts[1:], ends[:-1], low, high, radius) < SAME, False)
+    return way, joined
+
+
 def group_cells(cells: Array, low: float, high: float, radius: float) -> tuple[Array, Array, Array, Array]:
     """Poses and reaches of the groups and of the wide groups, as the kernel reads them.
 
     Parameters
     ----------
-    cells: (M, 16).
-    low, high, radius: the body lies between these heights above the tip and within this radius, mm.
+    cells, low, high, radius: as `cell_ways`.
     """
     count = len(cells)
-    bow = np.linalg.norm(cells[:, 12:15], axis=1) * (max(abs(low), abs(high)) + radius)
-    starts = np.concatenate([cells[:, 0:3], cells[:, 6:9]], axis=1)
-    ends = np.concatenate([cells[:, 0:3] + cells[:, 3:6], cells[:, 6:9] + cells[:, 9:12]], axis=1)
+    bow, starts, ends = _bow(cells, low, high, radius), _starts(cells), _ends(cells)
     result: list[Array] = []
     for size in (GROUP, GROUP * GROUP):
         group = np.arange(count) // size
@@ -191,7 +205,20 @@ def group_cells(cells: Array, low: float, high: float, radius: float) -> tuple[A
         centres = starts[middle]
         # The reach needs each cell's ends and its bow; the body's way between them lies within their convex hull.
         way = bow + np.maximum(*(_bound(pose, centres[group], low, high, radius) for pose in (starts, ends)))
-        reach = np.zeros(groups)
-        np.maximum.at(reach, group, way)
-        result += [np.ascontiguousarray(centres), reach]
+        result += [np.ascontiguousarray(centres), np.maximum.reduceat(way, np.arange(groups) * size)]
     return result[0], result[1], result[2], result[3]
+
+
+def _starts(cells: Array) -> Array:
+    """Poses (M, 6) at which cells begin."""
+    return np.concatenate([cells[:, 0:3], cells[:, 6:9]], axis=1)
+
+
+def _ends(cells: Array) -> Array:
+    """Poses (M, 6) at which cells end."""
+    return np.concatenate([cells[:, 0:3] + cells[:, 3:6], cells[:, 6:9] + cells[:, 9:12]], axis=1)
+
+
+def _bow(cells: Array, low: float, high: float, radius: float) -> Array:
+    """The most any point of a body is moved by the bow of the axis in each cell, (M,) mm."""
+    return np.asarray(np.linalg.norm(cells[:, 12:15], axis=1) * (max(abs(low), abs(high)) + radius))

@@ -23,8 +23,8 @@ POINTS_PER_FACE = 30_000
 BORDER_SPACING = 0.5
 """Spacing of the points on a face's border, mm."""
 
-MESH_SPACING = 1.0
-"""Longest distance between points on a triangle of the check mesh, mm."""
+DESIGN_SPACING = 1.0
+"""Spacing of the points of a design face that shank and holder are held against, mm."""
 
 _COARSE = 48
 """Cells a side of the coarse grid that tells how the parameters run over a face."""
@@ -187,6 +187,7 @@ class MeshSample:
     face: (N,) CAD face number, below 0 for meshes from elsewhere.
     pieces: (K, 3) the corners of each piece; empty where there are only points.
     piece_sag: (K,) the sag within a piece, mm.
+    sides: (K, 3) lengths of the sides of each piece, from each corner to the next, mm.
     """
 
     points: Array
@@ -194,26 +195,28 @@ class MeshSample:
     face: Integers
     pieces: Integers
     piece_sag: Array
+    sides: Array
+
+    @classmethod
+    def of(cls, points: Array, sag: Array, face: Integers, pieces: Integers, piece_sag: Array) -> MeshSample:
+        """Measure the sides."""
+        corners = points[pieces]
+        along = corners - corners[:, [1, 2, 0]]
+        return cls(points, sag, face, pieces, piece_sag, np.sqrt(np.einsum("ksx,ksx->ks", along, along)))
 
     @classmethod
     def of_points(cls, points: Array, face: Integers) -> MeshSample:
         """Points (N, 3) on faces (N,) themselves."""
-        return cls(points, np.zeros(len(points)), face, np.zeros((0, 3), dtype=np.int64), np.zeros(0))
-
-    def longest(self) -> Array:
-        """Longest side of each piece, (K,) mm."""
-        corners = self.points[self.pieces]
-        return np.asarray(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1, initial=0.0))
+        nothing = np.zeros((0, 3), dtype=np.int64)
+        return cls(points, np.zeros(len(points)), face, nothing, np.zeros(0), np.zeros((0, 3)))
 
     def halved(self, chosen: npt.NDArray[np.bool_]) -> MeshSample:
         """The chosen pieces, halved across their longest sides; the points are these and then those in the middles."""
         pieces = self.pieces[chosen]
-        corners = self.points[pieces]
-        rows = np.arange(len(pieces))
-        side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).argmax(axis=1)
+        rows, side = np.arange(len(pieces)), self.sides[chosen].argmax(axis=1)
         a, b, c = (pieces[rows, (side + k) % 3] for k in range(3))
         middle = len(self.points) + rows
-        return MeshSample(
+        return MeshSample.of(
             np.concatenate([self.points, 0.5 * (self.points[a] + self.points[b])]),
             np.concatenate([self.sag, self.piece_sag[chosen]]),
             np.concatenate([self.face, self.face[a]]),
@@ -228,20 +231,18 @@ def _sags(mesh: CheckMesh) -> Array:
     Across a chord w over which the normal turns by an angle, an arc rises by w angle / 8.
     """
     vertices, triangles = mesh.vertices, mesh.triangles.astype(np.int64)
-    # Vertices are welded by place, since a mesher may repeat them.
-    _, welded = np.unique(np.round(vertices / _WELD).astype(np.int64), axis=0, return_inverse=True)
-    corners = welded.reshape(-1)[triangles]
+    corners = _welded(vertices)[triangles]
     sides = [vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3)]
     normals = np.cross(sides[0], sides[1])
     double_area = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(double_area, 1e-300)[:, None]
-    edges = np.sort(np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+    edges = np.concatenate([_pair(corners[:, k], corners[:, (k + 1) % 3], len(vertices)) for k in range(3)])
     owner = np.tile(np.arange(len(triangles)), 3)
     # The chord across an edge is the triangle's height over it.
     height = np.concatenate([double_area / np.maximum(np.linalg.norm(side, axis=1), 1e-300) for side in sides])
-    order = np.lexsort((mesh.face[owner], edges[:, 1], edges[:, 0]))
+    order = np.lexsort((mesh.face[owner], edges))
     first, last = order[:-1], order[1:]
-    paired = (edges[first] == edges[last]).all(axis=1) & (mesh.face[owner[first]] == mesh.face[owner[last]])
+    paired = (edges[first] == edges[last]) & (mesh.face[owner[first]] == mesh.face[owner[last]])
     first, last = first[paired], last[paired]
     cosine = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[last]])
     smooth = cosine > _SMOOTH_EDGE
@@ -257,48 +258,42 @@ def _sags(mesh: CheckMesh) -> Array:
     return np.where(mesh.face >= 0, spread, 0.0)
 
 
-def sample_mesh(mesh: CheckMesh, low: Array, high: Array, spacing: float = MESH_SPACING) -> MeshSample:
-    """Points on the triangles of a mesh that reach into a box, and the pieces they are the corners of.
+def _welded(vertices: Array) -> Integers:
+    """A number for each vertex (V,), the same for those at the same place, since a mesher may repeat them."""
+    places = np.round(vertices / _WELD).astype(np.int64)
+    order = np.lexsort(places.T)
+    new = (np.diff(places[order], axis=0, prepend=places[order[:1]]) != 0).any(axis=1)
+    number = np.empty(len(vertices), dtype=np.int64)
+    number[order] = np.cumsum(new)
+    return number
+
+
+def _pair(one: Integers, other: Integers, count: int) -> Integers:
+    """One number (N,) for each two of `count`, in whichever order."""
+    return np.asarray(np.minimum(one, other) * count + np.maximum(one, other))
+
+
+def sample_mesh(mesh: CheckMesh, low: Array, high: Array) -> MeshSample:
+    """The triangles of a mesh that reach into a box as pieces, and their corners as points.
 
     Parameters
     ----------
     mesh: the mesh.
     low, high: corners of the box, (3,) mm.
-    spacing: longest side of a piece, mm.
     """
-    corners = mesh.vertices[mesh.triangles.astype(np.int64)]
-    sag, face = _sags(mesh) if len(corners) else np.zeros(0), mesh.face.astype(np.int64)
-    own = np.zeros(corners.shape[:2])
-    done: list[tuple[Array, Array, Array, Integers]] = []
-    # Triangles of fixtures can be far larger than what the tool passes through: halves out of the box are left away.
-    while len(corners):
-        near = np.ones(len(corners), dtype=np.bool_)
-        for x in range(3):
-            a, b, c = (corners[:, k, x] for k in range(3))
-            near &= np.minimum(np.minimum(a, b), c) <= high[x]
-            near &= np.maximum(np.maximum(a, b), c) >= low[x]
-        corners, own, sag, face = corners[near], own[near], sag[near], face[near]
-        sides = np.stack([np.linalg.norm(corners[:, k] - corners[:, (k + 1) % 3], axis=1) for k in range(3)], axis=1)
-        long = (sides > spacing).any(axis=1)
-        done.append((corners[~long], own[~long], sag[~long], face[~long]))
-        corners, own, sag, face = corners[long], own[long], sag[long], face[long]
-        rows, side = np.arange(len(corners)), sides[long].argmax(axis=1)
-        a, b, c = (corners[rows, (side + k) % 3] for k in range(3))
-        sag_a, sag_b, sag_c = (own[rows, (side + k) % 3] for k in range(3))
-        middle = 0.5 * (a + b)
-        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        own = np.concatenate([np.stack([sag_a, sag, sag_c], axis=1), np.stack([sag, sag_b, sag_c], axis=1)])
-        sag, face = np.tile(sag, 2), np.tile(face, 2)
-    if done:
-        corners, own, sag, face = (np.concatenate(parts) for parts in zip(*done, strict=True))
-    # Pieces beside each other share their points.
-    table = np.column_stack([corners.reshape(-1, 3), own.reshape(-1), np.repeat(face, 3)])
-    keys = np.ascontiguousarray(table + 0.0).view(np.dtype((np.void, table.itemsize * 5))).reshape(-1)
-    _, first, number = np.unique(keys, return_index=True, return_inverse=True)
-    return MeshSample(
-        np.ascontiguousarray(table[first, :3]),
-        table[first, 3],
-        table[first, 4].astype(np.int64),
-        number.reshape(-1, 3),
-        sag,
+    every = mesh.triangles.astype(np.int64)
+    if not len(every):
+        return MeshSample.of_points(np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
+    near = np.ones(len(every), dtype=np.bool_)
+    for x in range(3):
+        of_corner = mesh.vertices[:, x][every]
+        near &= (of_corner.min(axis=1) <= high[x]) & (of_corner.max(axis=1) >= low[x])
+    triangles, face = every[near], mesh.face[near].astype(np.int64)
+    # Triangles of a face share their corners; a corner that belongs to several faces is a point of each.
+    _, rank = np.unique(face, return_inverse=True)
+    own = triangles * (int(rank.max(initial=0)) + 1) + rank[:, None]
+    _, first, number = np.unique(own, return_index=True, return_inverse=True)
+    points = mesh.vertices[triangles.reshape(-1)[first]]
+    return MeshSample.of(
+        points, np.zeros(len(points)), np.repeat(face, 3)[first], number.reshape(-1, 3), _sags(mesh)[near]
     )

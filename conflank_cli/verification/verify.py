@@ -17,6 +17,7 @@ from conflank_cli.verification import pattern
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.gap import (
     Body,
+    BodyMotion,
     ball_body,
     cone_body,
     cutting_body,
@@ -39,7 +40,7 @@ from conflank_cli.verification.result import (
     Verification,
 )
 from conflank_cli.verification.sampling import (
-    MESH_SPACING,
+    DESIGN_SPACING,
     POINTS_PER_FACE,
     FaceSample,
     MeshSample,
@@ -77,6 +78,9 @@ most, 2.5 um at 1.5 mm."""
 
 _COVER = 0.58
 """No place on a triangle is further from its nearest corner than this share of its longest side."""
+
+_FEW = 64
+"""One point in so many is measured first, to tell how near the nearest of all is at most."""
 
 _ROUNDING = 1e-7
 """Slack of a limit for floating-point noise, mm."""
@@ -385,17 +389,20 @@ def _clearance(
     off.
     """
     sign = 1.0 if pick in ("ball", "cone") else -1.0
-    bodies = [
-        (body, cells) for stretch in stretches for body in _component(stretch.tool, pick) for cells in stretch.cells
+    # What the axis does between blocks does not matter here: both ways are one motion.
+    motions = [
+        BodyMotion.of(join_cells(list(stretch.cells)), body)
+        for stretch in stretches
+        for body in _component(stretch.tool, pick)
     ]
     values = np.full(len(limits), np.inf)
     moves, shares = np.full(len(limits), -1, dtype=np.int64), np.zeros(len(limits))
 
     def measure(chosen: Integers, mark: Array) -> None:
         """Fill in the distances of the chosen points, sag counted, where they are below the mark."""
-        for body, cells in bodies:
+        for motion in motions if len(chosen) else ():
             sag = sign * sample.sag[chosen]
-            found = nearest(sample.points[chosen], cells, body, np.minimum(mark, values[chosen]) - sag)
+            found = motion.nearest(sample.points[chosen], np.minimum(mark, values[chosen]) - sag)
             hit = found.move >= 0
             where = chosen[hit]
             values[where] = found.distance[hit] + sag[hit]
@@ -403,12 +410,14 @@ def _clearance(
 
     everything = np.arange(len(limits))
     # A few points first set the mark that the rest has to beat.
-    measure(everything[::16], np.full(len(everything[::16]), np.inf))
-    blind = _COVER * MESH_SPACING + sample.piece_sag.max(initial=0.0)
-    measure(everything, np.maximum(limits, values.min(initial=np.inf)) + (blind if len(sample.pieces) else 0.0))
+    measure(everything[::_FEW], np.full(len(everything[::_FEW]), np.inf))
+    reach = np.maximum(limits, values.min(initial=np.inf))
     # Between its corners a piece may come nearer. Where that could matter it is halved, and its middles are measured.
-    while len(sample.pieces) and len(bodies):
-        long = sample.longest()
+    blind = _COVER * sample.sides.max(axis=1, initial=0.0) + 2.0 * sample.piece_sag
+    np.maximum.at(reach, sample.pieces, (reach[sample.pieces].max(axis=1) + blind)[:, None])
+    measure(everything, reach)
+    while len(sample.pieces) and len(motions):
+        long = sample.sides.max(axis=1)
         mark = np.maximum(limits[sample.pieces].max(axis=1), values.min())
         bound = values[sample.pieces].min(axis=1) - _COVER * long - 2.0 * sample.piece_sag
         chosen = (long > FINEST) & (bound < mark)
@@ -485,9 +494,9 @@ def _sagged(figures: list[ClearanceFigures]) -> ClearanceFigures:
 
 
 def _thinned(sample: FaceSample) -> npt.NDArray[np.bool_]:
-    """Which points of a face to keep so that they stand about as far apart as those of a mesh."""
+    """Which points of a face to keep for shank and holder to be held against."""
     inner = int((sample.area > 0.0).sum())
-    stride = max(1, int(MESH_SPACING**2 * inner / float(sample.area.sum())))
+    stride = max(1, int(DESIGN_SPACING**2 * inner / float(sample.area.sum())))
     return np.asarray((np.arange(len(sample.area)) % stride == 0) | (sample.area == 0.0))
 
 

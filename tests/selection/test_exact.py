@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conflank_cli.cover import greedy_cover, share_covered
-from conflank_cli.selection.exact import ROUNDING, Price, exact_cover, undominated, widened
+from conflank_cli.selection.exact import ROUNDING, Price, cheapened, exact_cover, undominated, widened
 
 SIDE = 12
 CELLS = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij"), axis=-1).reshape(-1, 2)
@@ -54,16 +54,28 @@ def test_price_and_bound_against_all_choices(seed: int, count: int, goal: float,
     assert priced or found.gap == 0.0
 
 
-def test_area_is_credited_and_the_number_of_sets_kept() -> None:
-    """Of pairs that reach the goal the one that covers most, although three sets would cover everything."""
-    thirds = [CELLS[:, 0] < 4, (CELLS[:, 0] >= 4) & (CELLS[:, 0] < 8), CELLS[:, 0] >= 8]
-    covers = np.array([thirds[0], thirds[1] & (CELLS[:, 1] < 6), thirds[2] & (CELLS[:, 1] < 8)])
-    areas = np.ones(SIDE**2)
-    price = Price(np.zeros(3), np.zeros((0, 3), dtype=np.bool_), np.zeros(0), area=1.0)
-    found = exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 1000, most=2)
-    assert found.chosen == [0, 2]
-    assert found.price == -np.count_nonzero(covers[0] | covers[2]) / SIDE**2
-    assert exact_cover(covers, areas, CELLS, 0.45, price, [0, 1], 1e-3, 1000).chosen == [0, 1, 2]
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 9), st.integers(1, 3))
+def test_no_exchange_of_two_makes_it_cheaper(seed: int, count: int, size: int) -> None:
+    """Up to two sets are the cheapest of all that cover the goal; three, of all that share one with them."""
+    rng = np.random.default_rng(seed)
+    covers, areas = boxes(rng, count), rng.uniform(0.5, 2.0, SIDE**2)
+    kinds = rng.integers(0, 2, count)
+    classes = np.array([kinds == 0, kinds == 1])
+    price = Price(rng.uniform(0.0, 0.3, count), classes, rng.uniform(0.0, 0.1, 2), area=1.0)
+    start = [int(k) for k in rng.permutation(count)[:size]]
+    goal = 0.8 * share_covered(covers, areas, start)
+    found = cheapened(covers, areas, start, goal, price)
+    every = [
+        (price.of(choice, share), set(choice))
+        for choice in map(list, combinations(range(count), size))
+        for share in [share_covered(covers, areas, choice)]
+        if share >= goal
+    ]
+    own = price.of(found, share_covered(covers, areas, found))
+    assert len(set(found)) == size and share_covered(covers, areas, found) >= goal - ROUNDING
+    near = [value for value, sets in every if len(sets & set(found)) >= size - 2]
+    assert own == pytest.approx(min(near), abs=2.0 * ROUNDING)
 
 
 def test_blocks_ask_for_less_and_are_split_until_the_answer_holds() -> None:

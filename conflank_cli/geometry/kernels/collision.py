@@ -8,8 +8,8 @@ left is a convex function of one variable on a line, with a slope that is known:
 bound it from below. So each figure is exact to `TOLERANCE`, and is known to be.
 
 A tree has the triangles' corners (T, 3, 3) and sag (T,) in its own order, and for each node, numbered in preorder,
-its first and last triangle, its second child `right` (the first is the next node; -1 for a leaf), centre and radius of
-a bounding sphere, and the largest sag in it.
+its first and last triangle, its second child `right` (the first is the next node; -1 for a leaf), the centre of its box
+with half the box's sides and the radius of a sphere about it, and the largest sag in it.
 
 Sections come as rows (8,): height of the low and of the high end, radii there, sine and cosine of the half angle, 1
 for a ball (height of the centre as low and high, radius), 0 else, and the sign with which the sag of a triangle counts.
@@ -25,7 +25,7 @@ TOLERANCE = 1e-5
 # Tangents halve a bracket at least every other step, so this many always do.
 STEPS = 80
 # Triangles in a leaf of the tree.
-LEAF = 4
+LEAF = 8
 # Deepest stack of a tree that halves the number of triangles at every node.
 DEPTH = 64
 
@@ -58,10 +58,10 @@ def _part(order, low, high, middle, middles, axis):
 
 
 @njit(cache=True, nogil=True)
-def grow_tree(corners, middles, order, first, last, right, centre, radius):
+def grow_tree(corners, middles, sag, order, first, last, right, centre, half, radius, sags):
     """Sort `order` (T,) of the triangles `corners` (T, 3, 3) with their `middles` (T, 3) into a tree; returns its size.
 
-    first, last, right, centre, radius are those of its nodes, with room for 2 T.
+    sag (T,) of the triangles. first, last, right, centre, half, radius, sags are those of its nodes, with room for 2 T.
     """
     stack_low = np.empty(DEPTH, np.int64)
     stack_high = np.empty(DEPTH, np.int64)
@@ -93,7 +93,10 @@ def grow_tree(corners, middles, order, first, last, right, centre, radius):
         square = 0.0
         for x in range(3):
             centre[count, x] = 0.5 * (least[x] + most[x])
+            half[count, x] = 0.5 * (most[x] - least[x])
+        sags[count] = 0.0
         for i in range(low, high):
+            sags[count] = max(sags[count], sag[order[i]])
             for k in range(3):
                 away = 0.0
                 for x in range(3):
@@ -329,14 +332,36 @@ def triangle_least(corners, px, py, pz, dx, dy, dz, section, cutoff):
 
 
 @njit(forceinline=True)
+def section_gradient(x, y, z, dx, dy, dz, section):
+    """Signed distance at a place relative to the pose's point, and a unit vector along which it grows at full rate."""
+    height = x * dx + y * dy + z * dz
+    x -= height * dx
+    y -= height * dy
+    z -= height * dz
+    r = np.sqrt(x * x + y * y + z * z)
+    value, by_height, by_r = section_slope(height, r, section)
+    # On the axis all directions across are alike, and none of them is as good: the distance is convex.
+    by_r = by_r / r if r > 1e-9 else 0.0
+    return value, by_height * dx + by_r * x, by_height * dy + by_r * y, by_height * dz + by_r * z
+
+
+@njit(forceinline=True)
 def node_bound(tree, node, px, py, pz, dx, dy, dz, section):
-    """What no triangle of a node is nearer than."""
-    x = tree.centre[node, 0] - px
-    y = tree.centre[node, 1] - py
-    w = tree.centre[node, 2] - pz
-    z = x * dx + y * dy + w * dz
-    r = np.sqrt(max(x * x + y * y + w * w - z * z, 0.0))
-    return section_slope(z, r, section)[0] - tree.radius[node] + min(section[7] * tree.sags[node], 0.0)
+    """What no triangle of a node is nearer than: the distance is convex, so that it lies above its tangent plane."""
+    value, nx, ny, nz = section_gradient(
+        tree.centre[node, 0] - px, tree.centre[node, 1] - py, tree.centre[node, 2] - pz, dx, dy, dz, section
+    )
+    fall = abs(nx) * tree.half[node, 0] + abs(ny) * tree.half[node, 1] + abs(nz) * tree.half[node, 2]
+    return value - min(fall, tree.radius[node]) + min(section[7] * tree.sags[node], 0.0)
+
+
+@njit(forceinline=True)
+def triangle_bound(corners, x, y, z, value, nx, ny, nz):
+    """What a triangle is not nearer than, from the signed distance at x, y, z and its gradient there."""
+    fall = np.inf
+    for k in range(3):
+        fall = min(fall, nx * (corners[k, 0] - x) + ny * (corners[k, 1] - y) + nz * (corners[k, 2] - z))
+    return value + fall
 
 
 @njit(cache=True, nogil=True)
@@ -363,8 +388,14 @@ def tree_least(tree, px, py, pz, dx, dy, dz, section, cutoff, stop):
             continue
         node = stack[waiting]
         if tree.right[node] < 0:
+            cx = tree.centre[node, 0]
+            cy = tree.centre[node, 1]
+            cz = tree.centre[node, 2]
+            middle, nx, ny, nz = section_gradient(cx - px, cy - py, cz - pz, dx, dy, dz, section)
             for i in range(tree.first[node], tree.last[node]):
                 sag = section[7] * tree.sag[i]
+                if triangle_bound(tree.corners[i], cx, cy, cz, middle, nx, ny, nz) + sag >= best:
+                    continue
                 value, x, y, z = triangle_least(tree.corners[i], px, py, pz, dx, dy, dz, section, best - sag)
                 if value + sag < best:
                     best = value + sag
@@ -450,51 +481,208 @@ def axis_of(local):
 
 
 @njit(forceinline=True)
-def section_travel(local, section):
-    """How far any point of a section gets from where it is at the middle of a stretch, at most, mm.
+def turn_of(local):
+    """By how much q - p turns in a stretch and changes its length, at most, mm at its end each.
 
-    local (4, 6): p and q about the middle. A point at height z is p + z w / |w| with w = q - p; with l = |w| at the
-    middle it is the cubic p + (z / l) w, off by no more than z times what |w| changes by; what sits a radius r across
-    moves by r times the turn of the axis more, spin aside, which a body of revolution does not feel.
+    local (4, 6): p and q about the middle.
     """
     long = axis_of(local)[0]
     turn = 0.0
     stretch = 0.0
-    low = 0.0
-    high = 0.0
-    z_low = section[0] - (section[2] if section[6] > 0.5 else 0.0)
-    z_high = section[1] + (section[2] if section[6] > 0.5 else 0.0)
     for k in range(1, 4):
         square = 0.0
         along = 0.0
-        square_low = 0.0
-        square_high = 0.0
         for x in range(3):
             w = local[k, 3 + x] - local[k, x]
             square += w * w
             along += w * (local[0, 3 + x] - local[0, x]) / long
-            square_low += (local[k, x] + z_low / long * w) ** 2
-            square_high += (local[k, x] + z_high / long * w) ** 2
         turn += np.sqrt(square)
         stretch += abs(along)
-        low += np.sqrt(square_low)
-        high += np.sqrt(square_high)
+    # |w| <= sqrt((l + a)^2 + b^2) <= l + a + b^2 / 2 (l + a), and not below l - a.
+    return turn, stretch + turn * turn / long
+
+
+@njit(forceinline=True)
+def point_travel(local, height):
+    """How far the cubic p + (height / l) (q - p), l the length of q - p in the middle, gets from the middle, mm."""
+    share = height / axis_of(local)[0]
+    way = 0.0
+    for k in range(1, 4):
+        square = 0.0
+        for x in range(3):
+            square += (local[k, x] + share * (local[k, 3 + x] - local[k, x])) ** 2
+        way += np.sqrt(square)
+    return way
+
+
+@njit(forceinline=True)
+def section_travel(local, section, turn, stretch):
+    """How far any point of a section gets from where it is at the middle of a stretch, at most, mm.
+
+    turn, stretch: as `turn_of`. A point at height z is p + z w / |w| with w = q - p; with l = |w| at the middle it is
+    the cubic p + (z / l) w, off by no more than z times what |w| changes by; what sits a radius r across moves by r
+    times the turn of the axis more, spin aside, which a body of revolution does not feel. A ball goes where its centre
+    goes. Infinite where the axis turns by more than half a radian.
+    """
+    long = axis_of(local)[0]
     if turn > 0.5 * long:
         return np.inf
-    # |w| <= sqrt((l + a)^2 + b^2) <= l + a + b^2 / 2 (l + a), and not below l - a.
-    stretch += turn * turn / long
-    reach = max(low + abs(z_low) * stretch / long, high + abs(z_high) * stretch / long)
+    reach = max(
+        point_travel(local, section[0]) + abs(section[0]) * stretch / long,
+        point_travel(local, section[1]) + abs(section[1]) * stretch / long,
+    )
     if section[6] > 0.5:
-        # A ball goes where its centre goes.
-        square = 0.0
-        low = 0.0
-        for k in range(1, 4):
-            square = 0.0
-            for x in range(3):
-                square += (local[k, x] + section[0] / long * (local[k, 3 + x] - local[k, x])) ** 2
-            low += np.sqrt(square)
-        return low + abs(section[0]) * stretch / long
+        return reach
     return reach + max(section[2], section[3]) * (turn + stretch) / long
+
+
+@njit(forceinline=True)
+def beyond_plane(local, section, turn, stretch, nx, ny, nz, along):
+    """How far a section reaches along a unit vector n from the middle's p, at most, anywhere in a stretch, mm.
+
+    along: <n, d> at the middle. With c = <n, d> at any time a disc of radius r at height z reaches <n, p> + z c +
+    r sqrt(1 - c^2), and the root is no larger than its tangent: up to the length of q - p that is a cubic in time.
+    """
+    long = axis_of(local)[0]
+    across = np.sqrt(max(1.0 - along * along, 0.0))
+    most = -np.inf
+    for end in range(2):
+        z = section[end]
+        r = section[2 + end]
+        lever = z
+        reach = z * along + r * across
+        if section[6] > 0.5:
+            reach = z * along + r
+        elif across > 0.05:
+            lever -= r * along / across
+        else:
+            reach += r * (turn + stretch) / long
+        c1 = 0.0
+        c2 = 0.0
+        c3 = 0.0
+        for x in range(3):
+            n = nx if x == 0 else (ny if x == 1 else nz)
+            c1 += n * (local[1, x] + lever / long * (local[1, 3 + x] - local[1, x]))
+            c2 += n * (local[2, x] + lever / long * (local[2, 3 + x] - local[2, x]))
+            c3 += n * (local[3, x] + lever / long * (local[3, 3 + x] - local[3, x]))
+        # The largest of c1 t + c2 t^2 + c3 t^3 for |t| <= 1, and what the length of q - p changes.
+        c1 = abs(c1)
+        reach += abs(c3) + (c1 + c2 if c2 >= -0.5 * c1 else -0.25 * c1 * c1 / c2)
+        reach += abs(lever) * (abs(along) + turn / long) * stretch / (long - stretch)
+        most = max(most, reach)
+    return most
+
+
+@njit(forceinline=True)
+def stays_apart(corners, sag, local, section, limit, turn, stretch, dx, dy, dz, x, y, z):
+    """Whether a plane keeps a triangle and a section `limit` apart all through a stretch.
+
+    x, y, z: where the triangle is nearest in the middle. The plane may be across the way from the section to there, or
+    the triangle's own: that of a face along which the section slides. Does not promise that there is no other.
+    """
+    px = local[0, 0]
+    py = local[0, 1]
+    pz = local[0, 2]
+    _, nx, ny, nz = section_gradient(x - px, y - py, z - pz, dx, dy, dz, section)
+    if nx * nx + ny * ny + nz * nz < 0.5:
+        # On the axis there is no such direction.
+        return False
+    along = nx * dx + ny * dy + nz * dz
+    least = triangle_bound(corners, px, py, pz, 0.0, nx, ny, nz)
+    if least + sag - beyond_plane(local, section, turn, stretch, nx, ny, nz, along) >= limit:
+        return True
+    ux = corners[1, 0] - corners[0, 0]
+    uy = corners[1, 1] - corners[0, 1]
+    uz = corners[1, 2] - corners[0, 2]
+    vx = corners[2, 0] - corners[0, 0]
+    vy = corners[2, 1] - corners[0, 1]
+    vz = corners[2, 2] - corners[0, 2]
+    ox = uy * vz - uz * vy
+    oy = uz * vx - ux * vz
+    oz = ux * vy - uy * vx
+    size = np.sqrt(ox * ox + oy * oy + oz * oz)
+    if size < 1e-12:
+        return False
+    if ox * nx + oy * ny + oz * nz < 0.0:
+        size = -size
+    ox /= size
+    oy /= size
+    oz /= size
+    least = ox * (corners[0, 0] - px) + oy * (corners[0, 1] - py) + oz * (corners[0, 2] - pz)
+    along = ox * dx + oy * dy + oz * dz
+    return least + sag - beyond_plane(local, section, turn, stretch, ox, oy, oz, along) >= limit
+
+
+# What there is to say of a section in a stretch of a motion.
+FREE, HIT, OPEN = 0, 1, 2
+
+
+@njit(cache=True, nogil=True)
+def stretch_state(tree, local, dx, dy, dz, section, limit, turn, stretch, coarse, fine):
+    """Whether a section keeps its limit all through a stretch (FREE), counts as a HIT, or has to be looked at closer.
+
+    turn, stretch: as `turn_of`; others as `hits_along`.
+    """
+    way = section_travel(local, section, turn, stretch)
+    if way == np.inf:
+        return OPEN
+    px = local[0, 0]
+    py = local[0, 1]
+    pz = local[0, 2]
+    cutoff = limit + way
+    state = FREE
+    stack = np.empty(DEPTH, np.int64)
+    bounds = np.empty(DEPTH, np.float64)
+    waiting = 0
+    if tree.first.shape[0] > 0:
+        stack[0] = 0
+        bounds[0] = node_bound(tree, 0, px, py, pz, dx, dy, dz, section)
+        waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        if bounds[waiting] >= cutoff:
+            continue
+        node = stack[waiting]
+        if tree.right[node] < 0:
+            cx = tree.centre[node, 0]
+            cy = tree.centre[node, 1]
+            cz = tree.centre[node, 2]
+            middle, nx, ny, nz = section_gradient(cx - px, cy - py, cz - pz, dx, dy, dz, section)
+            for i in range(tree.first[node], tree.last[node]):
+                sag = section[7] * tree.sag[i]
+                if triangle_bound(tree.corners[i], cx, cy, cz, middle, nx, ny, nz) + sag >= cutoff:
+                    continue
+                value, x, y, z = triangle_least(tree.corners[i], px, py, pz, dx, dy, dz, section, cutoff - sag)
+                value += sag
+                if value >= cutoff:
+                    continue
+                if value < limit - way or (value < limit and way <= coarse):
+                    return HIT
+                if value >= limit and stays_apart(
+                    tree.corners[i], sag, local, section, limit, turn, stretch, dx, dy, dz, x, y, z
+                ):
+                    continue
+                if way > coarse:
+                    return OPEN
+                if way <= fine:
+                    return HIT
+                # What is too near in the middle of so short a stretch is a hit, and nothing else matters any more.
+                state = OPEN
+                cutoff = limit
+            continue
+        near = node + 1
+        far = tree.right[node]
+        near_bound = node_bound(tree, near, px, py, pz, dx, dy, dz, section)
+        far_bound = node_bound(tree, far, px, py, pz, dx, dy, dz, section)
+        if far_bound < near_bound:
+            near, far = far, near
+            near_bound, far_bound = far_bound, near_bound
+        stack[waiting] = far
+        bounds[waiting] = far_bound
+        stack[waiting + 1] = near
+        bounds[waiting + 1] = near_bound
+        waiting += 2
+    return state
 
 
 @njit(cache=True, nogil=True)
@@ -502,10 +690,11 @@ def hits_along(tree, polynomials, breaks, sections, limits, coarse, fine, hits):
     """Times of a motion at which a section comes nearer than its limit, as intervals; returns how many.
 
     polynomials (N, 4, 6): p and q in the local parameter of each span between breaks (N + 1,). Between the middle of a
-    stretch and its ends a section moves by no more than it does: where it keeps its limit and as much again, all of the
-    stretch is free; else it is halved, until a section that is too near moves less than `coarse`, or one that merely
-    cannot be told moves less than `fine`. What cannot be told counts as a hit. hits (H, 2): intervals in order, joined
-    where they touch; the last row takes up what would be too many.
+    stretch and its ends a section moves by no more than it does: of what is further away than its limit and as much
+    again, all of the stretch is free, and so it is of what a plane keeps apart from the section all the time. Else it
+    is halved, until a section that is too near moves less than `coarse`, or one that merely cannot be told moves less
+    than `fine`. What cannot be told counts as a hit. hits (H, 2): intervals in order, joined where they touch; the last
+    row takes up what would be too many.
     """
     count = 0
     local = np.empty((4, 6))
@@ -525,24 +714,18 @@ def hits_along(tree, polynomials, breaks, sections, limits, coarse, fine, hits):
             half = 0.5 * (b - a)
             shifted(polynomials[span], a + half, half, local)
             _, dx, dy, dz = axis_of(local)
-            hit = False
-            unsure = False
+            turn, stretch = turn_of(local)
+            state = FREE
             for s in range(sections.shape[0]):
                 if not pending[waiting, s]:
                     continue
-                way = section_travel(local, sections[s])
-                value, found, _, _, _ = tree_least(
-                    tree, local[0, 0], local[0, 1], local[0, 2], dx, dy, dz, sections[s],
-                    limits[s] + way, limits[s] - way,
-                )  # fmt: skip
-                if found < 0:
-                    pending[waiting, s] = False
-                    continue
-                unsure = True
-                if value < limits[s] - way or way <= (coarse if value < limits[s] else fine):
-                    hit = True
+                own = stretch_state(tree, local, dx, dy, dz, sections[s], limits[s], turn, stretch, coarse, fine)
+                pending[waiting, s] = own != FREE
+                if own != FREE:
+                    state = own
+                if own == HIT:
                     break
-            if hit or (unsure and waiting + 2 > DEPTH):
+            if state == HIT or (state == OPEN and waiting + 2 > DEPTH):
                 start = breaks[span] + a * width
                 end = breaks[span] + b * width
                 if count > 0 and (start <= hits[count - 1, 1] + 1e-12 or count == hits.shape[0]):
@@ -551,7 +734,7 @@ def hits_along(tree, polynomials, breaks, sections, limits, coarse, fine, hits):
                     hits[count, 0] = start
                     hits[count, 1] = end
                     count += 1
-            elif unsure:
+            elif state == OPEN:
                 middle = a + half
                 pending[waiting + 1] = pending[waiting]
                 low[waiting] = middle
@@ -577,7 +760,7 @@ def least_along(
     for s in range(sections.shape[0]):
         c = component[s]
         # The middles of all spans first: the rest has to beat the best of them.
-        for turn in range(2):
+        for look in range(2):
             for span in range(spans):
                 low[0] = 0.0
                 high[0] = 1.0
@@ -589,10 +772,10 @@ def least_along(
                     half = 0.5 * (b - a)
                     shifted(polynomials[span], a + half, half, local)
                     _, dx, dy, dz = axis_of(local)
-                    way = section_travel(local, sections[s]) if turn == 1 else 0.0
+                    way = section_travel(local, sections[s], *turn_of(local)) if look == 1 else 0.0
                     best, found, x, y, z = tree_least(
                         tree, local[0, 0], local[0, 1], local[0, 2], dx, dy, dz, sections[s],
-                        limits[s] + slack[c] + (max(way - resolution, 0.0) if turn == 1 else 0.0), -np.inf,
+                        limits[s] + slack[c] + (max(way - resolution, 0.0) if look == 1 else 0.0), -np.inf,
                     )  # fmt: skip
                     if found < 0:
                         continue
@@ -604,7 +787,7 @@ def least_along(
                         place[c, 0] = x
                         place[c, 1] = y
                         place[c, 2] = z
-                    if turn == 1 and way > resolution and waiting + 2 <= DEPTH:
+                    if look == 1 and way > resolution and waiting + 2 <= DEPTH:
                         low[waiting] = a + half
                         high[waiting] = b
                         low[waiting + 1] = a

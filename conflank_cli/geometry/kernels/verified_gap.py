@@ -177,76 +177,126 @@ def _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best):
 
 
 @njit(cache=True)
-def _search_cells(body, x, y, z, cells, low, high, best, index, tau):
-    for i in range(low, high):
+def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, tau):
+    """Search cells low .. high, passing over those that the body does not move far enough for."""
+    i = low
+    while i < high:
         cell = cells[i]
         fa, ga = _in_cell(body, x, y, z, cell, 0.0)
-        fb, gb = _in_cell(body, x, y, z, cell, 1.0)
         if fa < best:
             best, index, tau = fa, i, 0.0
-        if fb < best:
-            best, index, tau = fb, i, 1.0
-        if ga < 0.0 and gb > 0.0:
-            f, t = _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best)
-            if f < best:
-                best, index, tau = f, i, t
+        left = fa - best
+        if left < ways[i]:
+            if ga >= 0.0 and joined[i]:
+                # What follows inside is further away, and the end is where the next cell begins.
+                i += 1
+                continue
+            fb, gb = _in_cell(body, x, y, z, cell, 1.0)
+            if fb < best:
+                best, index, tau = fb, i, 1.0
+            if ga < 0.0 and gb > 0.0:
+                f, t = _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best)
+                if f < best:
+                    best, index, tau = f, i, t
+            i += 1
+            continue
+        while i < high and ways[i] <= left:
+            left -= ways[i]
+            i += 1
     return best, index, tau
 
 
 @njit(cache=True)
-def _search_groups(body, x, y, z, cells, poses, reaches, size, low, high, best, index, tau):
-    """Search groups low .. high of cells, the most promising first, skipping those too far away to matter."""
-    first, nearest = -1, np.inf
-    for g in range(low, high):
-        bound = _at_pose(body, x, y, z, poses[g]) - reaches[g]
-        if bound < nearest:
-            first, nearest = g, bound
-    if first < 0 or nearest >= best:
-        return best, index, tau
-    best, index, tau = _search_cells(
-        body, x, y, z, cells, first * size, min((first + 1) * size, cells.shape[0]), best, index, tau
-    )
-    for g in range(low, high):
-        if g != first and _at_pose(body, x, y, z, poses[g]) - reaches[g] < best:
-            best, index, tau = _search_cells(
-                body, x, y, z, cells, g * size, min((g + 1) * size, cells.shape[0]), best, index, tau
-            )
-    return best, index, tau
+def _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near):
+    """Which groups may be nearest to a point within `radius` of x, y, z, or nearer than `most`; returns how many."""
+    for w in range(wide_poses.shape[0]):
+        most = min(most, _at_pose(body, x, y, z, wide_poses[w]) + radius + _CERTAIN)
+    count = 0
+    for w in range(wide_poses.shape[0]):
+        if _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w] - radius >= most:
+            continue
+        for g in range(w * size, min((w + 1) * size, poses.shape[0])):
+            away = _at_pose(body, x, y, z, poses[g])
+            most = min(most, away + radius + _CERTAIN)
+            if away - reaches[g] - radius < most:
+                near[count] = g
+                count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
 def least_distance(
-    points, start, cells, poses, reaches, size, wide_poses, wide_reaches, wide_size, body, distance, where, tau
+    points,
+    start,
+    block,
+    cells,
+    ways,
+    joined,
+    poses,
+    reaches,
+    wide_poses,
+    wide_reaches,
+    size,
+    body,
+    distance,
+    where,
+    tau,
 ):
     """Least signed distance from each point to the body over all cells, where it is below `start`.
 
     Parameters
     ----------
-    points: (N, 3) mm.
+    points: (N, 3) mm, those of a block close together.
     start: (N,) distances that count; a point that no pose brings below its own keeps it.
+    block: how many successive points are taken together. What is found does not depend on it.
     cells: (M, 16), see the module.
+    ways: (M,) the most any point of the body moves from the beginning of a cell within it and to the next, mm.
+    joined: (M,) whether a cell ends where the next begins.
     poses, reaches: (G, 6) and (G,): a pose in each group of `size` successive cells, and the most any point of the body
         is away from where that pose puts it, anywhere in the group, mm.
-    wide_poses, wide_reaches: the same for groups of `wide_size` successive groups.
+    wide_poses, wide_reaches: the same for groups of `size` successive groups.
     body: (9,), see the module.
     distance, where, tau: (N,), filled with the least distance, its cell (-1 where `start` was not beaten), and tau.
     """
-    groups = poses.shape[0]
-    for n in range(points.shape[0]):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        best, index, at = start[n], NONE, 0.0
-        first, nearest = -1, np.inf
-        for w in range(wide_poses.shape[0]):
-            bound = _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w]
-            if bound < nearest:
-                first, nearest = w, bound
-        if first >= 0 and nearest < best:
-            low, high = first * wide_size, min((first + 1) * wide_size, groups)
-            best, index, at = _search_groups(body, x, y, z, cells, poses, reaches, size, low, high, best, index, at)
-            for w in range(wide_poses.shape[0]):
-                if w != first and _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w] < best:
-                    low, high = w * wide_size, min((w + 1) * wide_size, groups)
-                    best, index, at = _search_groups(
-                        body, x, y, z, cells, poses, reaches, size, low, high, best, index, at
+    near = np.empty(poses.shape[0], np.int64)
+    for first in range(0, points.shape[0], block):
+        last = min(first + block, points.shape[0])
+        x, y, z = 0.0, 0.0, 0.0
+        most = -np.inf
+        for n in range(first, last):
+            x += points[n, 0] / (last - first)
+            y += points[n, 1] / (last - first)
+            z += points[n, 2] / (last - first)
+            most = max(most, start[n])
+        radius = 0.0
+        for n in range(first, last):
+            radius = max(radius, (points[n, 0] - x) ** 2 + (points[n, 1] - y) ** 2 + (points[n, 2] - z) ** 2)
+        radius = np.sqrt(radius)
+        count = _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near)
+        hint = NONE
+        for n in range(first, last):
+            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            best, index, at = start[n], NONE, 0.0
+            # What was nearest to the point before is mostly near to this one.
+            if hint >= 0:
+                best, index, at = _search_cells(body, x, y, z, cells, ways, joined, hint, hint + 1, best, index, at)
+            for k in range(count):
+                g = near[k]
+                if _at_pose(body, x, y, z, poses[g]) - reaches[g] < best:
+                    best, index, at = _search_cells(
+                        body,
+                        x,
+                        y,
+                        z,
+                        cells,
+                        ways,
+                        joined,
+                        g * size,
+                        min((g + 1) * size, cells.shape[0]),
+                        best,
+                        index,
+                        at,
                     )
-        distance[n], where[n], tau[n] = best, index, at
+            distance[n], where[n], tau[n] = best, index, at
+            if index >= 0:
+                hint = index
