@@ -184,9 +184,9 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     ("optimization.task", "FINE_FEWEST", "control points while settling, at least"),
     ("optimization.task", "SETTLE_PROXIMITY", "factor on μ₃ while settling"),
     ("optimization.gauss_newton", "SPARSE", "one pose and height in so many counts in all steps but the last"),
-    ("optimization.gauss_newton", "OFF_FACE", "weight of samples off the face"),
-    ("optimization.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
-    ("optimization.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
+    ("geometry.kernels.gauss_newton", "OFF_FACE", "weight of samples off the face"),
+    ("geometry.kernels.gauss_newton", "BARRIER_FROM", "share of the overcut tolerance at which the barrier begins"),
+    ("geometry.kernels.gauss_newton", "BARRIER_GAIN", "how steeply it grows"),
     ("optimization", "RESCUED", "of those that would be in good covers were nothing in the way, so many are slid"),
     (
         "optimization",

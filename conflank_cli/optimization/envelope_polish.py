@@ -15,11 +15,11 @@ import numpy.typing as npt
 from scipy.linalg import LinAlgError
 
 from conflank_cli.geometry.gap import GapField, gap_field, motion_gap
+from conflank_cli.geometry.kernels.gauss_newton import robust_weights
 from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved, values_at
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
-from conflank_cli.optimization.gauss_newton import robust_weights
 from conflank_cli.optimization.terms import AxisPath, Weights
 from conflank_cli.tool import Tool
 
@@ -81,7 +81,9 @@ def for_area(
     for scale in scales:
         start = None if field is None else field.time
         field = gap_field(motion, tool, points.x, limits.allowance, start, np.inf)
-        say = points.areas * robust_weights(field.gap, limits, scale * limits.under, True)
+        say = np.empty(len(points.x))
+        robust_weights(field.gap, limits.over, scale * limits.under, True, say)
+        say *= points.areas
         step = _step(tool, motion, field, field.gap, say, weights)
         if step is None:
             return None

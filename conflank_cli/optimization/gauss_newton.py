@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError
 
-from conflank_cli.geometry.kernels.banded import add_errors
+from conflank_cli.geometry.kernels.gauss_newton import LEAST_SAMPLES, LOST, TAKEN, gauss_newton_step
 from conflank_cli.geometry.kernels.motion_error import motion_errors
-from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved
+from conflank_cli.geometry.normal_equations import basis_at
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
@@ -29,6 +28,10 @@ class AxisErrorField:
     on: Array
     u: Array
     v: Array
+
+    def copy(self) -> AxisErrorField:
+        """The same, to be filled for another motion."""
+        return AxisErrorField(self.error.copy(), self.on.copy(), self.u.copy(), self.v.copy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,18 +65,12 @@ STATUS = {
     "singular": "the normal equations are not positive definite; raise mu3 or use fewer control points",
 }
 
-# A step that moves a control point by more is shortened to it, mm. One that promises less than STILL² from the
-# functional, a mean square, is a standstill, mm: the soft modes may go on moving for ever.
-LONGEST_STEP, STILL = 1.0, 1e-5
-# With fewer samples on the face than this a motion has left it.
-LEAST_SAMPLES = 4
+# A step that promises less than STILL² from the functional, a mean square, is a standstill, mm: the soft modes may go
+# on moving for ever.
+STILL = 1e-5
 # Of poses and heights one in so many will do while steps are to come, heights no fewer than the second figure: what is
 # made small there is smooth. Poses stay three to a control point.
 SPARSE, LEAST_HEIGHTS = 3, 8
-# Of the weight of a sample on the face: what a sample off it keeps, to hold the motion steady there.
-OFF_FACE = 0.01
-# Overcut is weighed up from this share of the tolerance on, so that the optimum stays inside it.
-BARRIER_FROM, BARRIER_GAIN = 0.5, 40.0
 
 
 class Step(NamedTuple):
@@ -100,42 +97,34 @@ def error_field(
     """Axis error of a motion on an m x n grid; also the normals (m, n, 3) and the sphere fractions s (n,)."""
     m, n = samples
     p, q = motion.ends(np.linspace(0.0, 1.0, m))
-    low, high = tool.centre_range
-    heights = np.linspace(low, high, n)
-    fractions = heights / tool.length
-    error, on, normal = np.empty((m, n)), np.empty((m, n)), np.empty((m, n, 3))
-    if start is None:
-        u, v = np.empty((m, n)), np.empty((m, n))
-        # The kernel takes the first pose's middle sphere from here, and every other foot from its neighbour's.
-        cold = face.projector.project((p + fractions[n // 2] * (q - p))[:1])
-        u[0, n // 2], v[0, n // 2] = cold.u[0], cold.v[0]
-    else:
-        u, v = start.u.copy(), start.v.copy()
+    fractions, radii = _spheres(tool, n, allowance)
+    field = _seeded(face, motion, m, fractions) if start is None else start.copy()
+    normal = np.empty((m, n, 3))
     motion_errors(
-        *face.projector.spans, face.sense, face.raster, p, q, fractions, tool.sphere_radius(heights) + allowance,
-        u, v, error, normal, on, start is not None,
+        *face.projector.spans, face.sense, face.raster, p, q, fractions, radii,
+        field.u, field.v, field.error, normal, field.on, start is not None,
     )  # fmt: skip
-    return AxisErrorField(error, on, u, v), normal, fractions
+    return field, normal, fractions
 
 
-def sample_weights(field: AxisErrorField, limits: Limits, scale: float, barrier: bool) -> Array:
-    """Weights of the axis error samples (m, n): those of `robust_weights`, next to nothing off the face."""
-    weight = robust_weights(field.error, limits, scale, barrier)
-    return np.where(field.on > 0.5, weight, np.where(field.on > -0.5, OFF_FACE * weight, 0.0))
+def _spheres(tool: Tool, count: int, allowance: float) -> tuple[Array, Array]:
+    """Fractions of pq and radii, allowance added, of spheres (n,) along the flute."""
+    heights = np.linspace(*tool.centre_range, count)
+    return heights / tool.length, tool.sphere_radius(heights) + allowance
 
 
-def robust_weights(error: Array, limits: Limits, scale: float, barrier: bool) -> Array:
-    """Weights of axis errors or swept gaps, mm.
+def _seeded(face: WorkFace, motion: Motion, count: int, fractions: Array) -> AxisErrorField:
+    """A field yet to be filled, at `count` times, with the foot that the kernel begins at.
 
-    Stock left beyond `scale` fades (Geman and McClure): there another sweep does the work. Overcut counts in full and,
-    with `barrier`, ever more as it nears its tolerance.
+    That of the first pose's middle sphere; it takes every other foot from its neighbour's.
     """
-    ratio = np.maximum(error, 0.0) / scale
-    weight = 1.0 / (1.0 + ratio * ratio) ** 2
-    if barrier:
-        excess = np.maximum(-error / limits.over - BARRIER_FROM, 0.0)
-        weight = weight * (1.0 + BARRIER_GAIN * excess * excess)
-    return np.asarray(weight)
+    shape = count, len(fractions)
+    u, v = np.empty(shape), np.empty(shape)
+    middle = len(fractions) // 2
+    p, q = motion.ends([0.0])
+    foot = face.projector.project(p + fractions[middle] * (q - p))
+    u[0, middle], v[0, middle] = foot.u[0], foot.v[0]
+    return AxisErrorField(np.empty(shape), np.empty(shape), u, v)
 
 
 def minimise(
@@ -155,6 +144,8 @@ def minimise(
     every = basis_at(motion.knots, t)
     few = max(samples[0] // SPARSE, 3 * len(motion.p)), max(samples[1] // SPARSE, LEAST_HEIGHTS)
     grid, basis = samples, every
+    control = np.hstack([motion.p, motion.q])
+    mu = np.array([weights.mu1, weights.mu2, weights.mu3, weights.mu4, weights.mu5])
     status = "iterations"
     used = 0
     for fade, stiff, scale, barrier, sparse in schedule:
@@ -162,27 +153,21 @@ def minimise(
         if (few if sparse else samples) != grid:
             grid, field = (few, None) if sparse else (samples, None)
             basis = basis_at(motion.knots, np.linspace(0.0, 1.0, few[0])) if sparse else every
-        path = AxisPath.of(motion, tool, basis)
-        field, normal, fractions = error_field(face, tool, motion, limits.allowance, grid, field)
-        there = field.on > 0.5
-        if start is None:
-            start = path.terms(_mean_square(field), 0.0)
-        if there.sum() < LEAST_SAMPLES:
-            status = "lost"
-            break
-        w = sample_weights(field, limits, scale, barrier) * (weights.mu1 / there.sum())
-        equations = NormalEquations.of(len(motion.p))
-        add_errors(
-            equations.band, equations.right, basis.first, basis.value, fractions, normal, field.error, w
+        warm = field is not None
+        fractions, radii = _spheres(tool, grid[1], limits.allowance)
+        if field is None:
+            field = _seeded(face, motion, grid[0], fractions)
+        outcome, promised = gauss_newton_step(
+            *face.projector.spans, face.sense, face.raster, *basis, control, tool.length, fractions, radii,
+            field.u, field.v, warm, field.error, field.on, mu, fade, stiff, limits.over, scale, barrier,
         )  # fmt: skip
-        path.add(equations, weights, fade, stiff)
-        try:
-            step = equations.step()
-        except LinAlgError:
-            status = "singular"
+        if start is None:
+            start = AxisPath.of(begin, tool, basis).terms(_mean_square(field), 0.0)
+        if outcome != TAKEN:
+            status = "lost" if outcome == LOST else "singular"
             break
-        motion = moved(motion, step, LONGEST_STEP)
-        if float(step.ravel() @ equations.right) < STILL * STILL and used == len(schedule):
+        motion = Motion(motion.knots, control[:, :3].copy(), control[:, 3:].copy())
+        if promised < STILL * STILL and used == len(schedule):
             status = "converged"
     field, _, _ = error_field(face, tool, motion, limits.allowance, samples, field if grid == samples else None)
     if np.sum(field.on > 0.5) < LEAST_SAMPLES:

@@ -11,21 +11,17 @@ from scipy.linalg import solveh_banded
 
 from benchmarks.envelopes import cylinder
 from benchmarks.envelopes import swept_gap as by_brute_force
-from conflank_cli.geometry.kernels.banded import add_errors, add_rows
+from conflank_cli.geometry.kernels.banded import add_errors, add_rows, solve
+from conflank_cli.geometry.kernels.gauss_newton import BARRIER_FROM, BARRIER_GAIN, OFF_FACE, sample_weights
 from conflank_cli.geometry.normal_equations import NormalEquations, basis_at
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.optimization.gauss_newton import (
-    BARRIER_FROM,
-    BARRIER_GAIN,
-    OFF_FACE,
     STATUS,
-    AxisErrorField,
     Limits,
     Step,
     error_field,
     minimise,
-    sample_weights,
 )
 from conflank_cli.optimization.terms import AxisPath, Weights
 from conflank_cli.tool import CATALOGUE, Tool
@@ -82,6 +78,11 @@ def test_banded_normal_equations_against_dense_ones() -> None:
     band[0] += 1.0
     expected = np.linalg.solve(2.0 * matrix + np.eye(6 * count), right)
     np.testing.assert_allclose(solveh_banded(band, right, lower=True), expected, atol=1e-9)
+    found = np.empty(6 * count)
+    assert solve(band, right, found)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    band[0, 9] = -1.0
+    assert not solve(band, right, found)
 
 
 def test_axis_errors_add_what_their_rows_add() -> None:
@@ -281,13 +282,13 @@ def test_weights_of_samples() -> None:
     error = np.array([[0.0, 0.02, -0.02, 0.08], [-0.004, -0.005, -0.01, -0.02], [0.0, 0.02, -0.02, 0.0]])
     on = np.ones((3, 4))
     on[2] = [0.0, 0.0, 0.0, -1.0]
-    field = AxisErrorField(error, on, error, error)
-    plain = sample_weights(field, LIMITS, 0.02, False)
+    plain, steep = np.empty((3, 4)), np.empty((3, 4))
+    sample_weights(error, on, LIMITS.over, 0.02, False, plain)
     # Stock left: Geman and McClure's influence x / (1 + x²)² gives the weight 1 / (1 + x²)², a quarter at the scale.
     np.testing.assert_allclose(plain[0], [1.0, 0.25, 1.0, 1.0 / 17.0**2], rtol=1e-12)
     np.testing.assert_array_equal(plain[1], 1.0)
     np.testing.assert_allclose(plain[2], [OFF_FACE, 0.25 * OFF_FACE, OFF_FACE, 0.0], rtol=1e-12)
-    steep = sample_weights(field, LIMITS, 0.02, True)
+    sample_weights(error, on, LIMITS.over, 0.02, True, steep)
     np.testing.assert_allclose(steep[0, [0, 1]], plain[0, [0, 1]], rtol=1e-12)
     excess = np.maximum(np.array([0.4, 0.5, 1.0, 2.0]) - BARRIER_FROM, 0.0)
     np.testing.assert_allclose(steep[1], 1.0 + BARRIER_GAIN * excess**2, rtol=1e-12)

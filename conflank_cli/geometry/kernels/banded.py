@@ -153,3 +153,37 @@ def add_path(band, right, first, value, slope, bend, curvature, d, excess, speed
             for r in range(c, 4):
                 for a in range(6):
                     band[6 * (r - c), column + a] += fair * bend[i, c] * bend[i, r]
+
+
+@njit(cache=True, nogil=True)
+def solve(band, right, out):
+    """Solve the equations of a lower band (B, N) by Cholesky's method into out (N,); whether that can be done."""
+    width, size = band.shape
+    # By column, so that what is taken off the next columns lies side by side.
+    factor = np.empty((size, width))
+    for j in range(size):
+        for r in range(width):
+            factor[j, r] = band[r, j]
+    for j in range(size):
+        if not factor[j, 0] > 0.0:
+            return False
+        pivot = np.sqrt(factor[j, 0])
+        below = min(width, size - j)
+        factor[j, 0] = pivot
+        for r in range(1, below):
+            factor[j, r] /= pivot
+        for c in range(1, below):
+            share = factor[j, c]
+            for r in range(below - c):
+                factor[j + c, r] -= share * factor[j, c + r]
+    for j in range(size):
+        out[j] = right[j]
+    for j in range(size):
+        out[j] /= factor[j, 0]
+        for r in range(1, min(width, size - j)):
+            out[j + r] -= factor[j, r] * out[j]
+    for j in range(size - 1, -1, -1):
+        for r in range(1, min(width, size - j)):
+            out[j] -= factor[j, r] * out[j + r]
+        out[j] /= factor[j, 0]
+    return True
