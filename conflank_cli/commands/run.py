@@ -32,9 +32,10 @@ MEANWHILE = (
     show_default=True,
     help="Folder for the files.",
 )
+@click.option("--report/--no-report", "with_report", default=True, show_default=True, help="Write report.html too.")
 @options.as_json
 @options.common
-def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
+def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: Talk) -> int:
     """Run all stages of a job and verify the program.
 
     Writes candidates.npz, motions.npz, plan.npz, the program NAME.H (or .I, .APT, with its parts),
@@ -72,7 +73,6 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
-    from conflank_cli.report.document import report_html
     from conflank_cli.verification.verify import pose_program
 
     candidates, candidates_summary = run_detect(scene, talk)
@@ -88,20 +88,21 @@ def run(job_file: str, folder_out: str, as_json: bool, talk: Talk) -> int:
     if plan or passes:
         programs, summary = run_post(scene, plan, passes, program, talk)
         verification = run_verify(programs[program].encode("ascii"), program, scene, talk, programs.get)
-        with talk.timed("report"):
-            posed = pose_program(programs[program], scene, programs.get)
-            page = report_html(scene, posed, programs[program], verification, coverage)
-        contents |= {
-            **programs,
-            f"{program}.verification.json": verification.to_json().decode(),
-            "report.html": page,
-        }
+        contents |= {**programs, f"{program}.verification.json": verification.to_json().decode()}
+        if with_report:
+            from conflank_cli.report.document import report_html
+
+            with talk.timed("report"):
+                posed = pose_program(programs[program], scene, programs.get)
+                contents["report.html"] = report_html(scene, posed, programs[program], verification, coverage)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out {out}", f"{error.strerror}", "a folder that can be made", "Name another.") from None
     write_outputs([(out / name, content) for name, content in contents.items()], inputs)
 
+    if "report.html" not in contents and (out / "report.html").exists():
+        talk.note(f"note: {out / 'report.html'} is of an earlier run")
     if verification is None or summary is None:
         talk.note(summary_tables(plan_summary) + "\nno program    something forbids every sweep")
     else:

@@ -82,10 +82,10 @@ def run_passes(
     scene: Scene, plan: Sequence[Sweep], summary: dict[str, Any], talk: Talk
 ) -> tuple[list[Pass], dict[str, Any]]:
     """The passes over what the sweeps of a plan leave, where the job wants them, and the plan's summary with theirs."""
-    from conflank_cli.passes import ball_passes
-
     if not scene.job.selection.ball_passes.enabled:
         return [], summary
+    from conflank_cli.passes import ball_passes
+
     with talk.timed("passes"):
         passes, more = ball_passes(scene, plan, talk.progress)
     return passes, summary | more
