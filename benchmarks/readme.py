@@ -191,7 +191,7 @@ CONSTANTS: tuple[tuple[str, str, str], ...] = (
     (
         "optimization",
         "AT_A_TIME",
-        "sweeps in good covers that are worked on at a time, about, for each tool and for all",
+        "sweeps in good covers that are worked on at a time, about, for each face and tool",
     ),
     ("optimization", "ROUNDS", "times that such are looked for"),
     ("optimization.task", "LENGTHEN", "mm by which a motion is continued"),

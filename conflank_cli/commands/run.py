@@ -43,6 +43,7 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     findings, or that something forbids every sweep: then there is no program. --json prints the plan's
     summary, what is known of the program before it runs, and the verification.
     """
+    from concurrent.futures import ThreadPoolExecutor
     from pathlib import Path
 
     from conflank_cli.commands.inputs import files_of, read_job, read_scene, start_kernel
@@ -73,10 +74,14 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
+    from conflank_cli.selection.judging import Judge
     from conflank_cli.verification.verify import pose_program
 
-    candidates, candidates_summary = run_detect(scene, talk)
-    motions, motions_summary = run_optimize(scene, candidates, talk)
+    with ThreadPoolExecutor(1) as aside:
+        # What selection holds sweeps against is made while there are none yet.
+        aside.submit(Judge.of, scene)
+        candidates, candidates_summary = run_detect(scene, talk)
+        motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary, coverage = run_select(scene, motions, talk)
     passes, plan_summary = run_passes(scene, plan, plan_summary, talk)
     contents: dict[str, bytes | str] = {

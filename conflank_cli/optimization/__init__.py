@@ -32,11 +32,12 @@ _Result = TypeVar("_Result")
 POINTS = 2500
 # Points that sweeps are polished on: about so many, and no further apart than this, mm, but not more than the last.
 POLISH_POINTS, POLISH_SPACING, MOST_POINTS = 4000, 0.8, 20000
-# Sweeps that are worked on at a time: those in good covers of a face with each of the tools and with all, about so many
-# for each. What has grown covers more, so that others complete it best: they are looked for anew so often, or until all
+# Sweeps that are worked on at a time: those in good covers of a face with each of the tools, about so many for each.
+# What has grown covers more, so that others complete it best: they are looked for anew so often, or until all
 # that would be chosen have been worked on.
 AT_A_TIME, ROUNDS = 3, 3
-# Sweeps of a face that are slid where something is in their way: those that would be in good covers if nothing were.
+# Sweeps of a face and tool that are slid where something is in their way: those that would be in good covers if nothing
+# were.
 RESCUED = 6
 # A sweep that adds less than this share of a face to a cover is not worth refining.
 LEAST_GAIN = 0.003
@@ -72,7 +73,7 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
         def worth(
             chosen: Sequence[int], count: int, title: str, gap: Callable[[int], Array], known: dict[int, Array]
         ) -> list[int]:
-            """Those of the chosen that make good covers, `count` of every face or so, by their gaps."""
+            """Those of the chosen that make good covers, `count` of every face and tool or so, by their gaps."""
             new = [k for k in chosen if k not in known]
             known.update(zip(new, side_by_side(title, gap, new), strict=True))
             found: dict[int, None] = {}
@@ -81,15 +82,11 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
                 found |= dict.fromkeys(group[k] for k in _worth_more(task_of[group[0]], of_group, target, count))
             return list(found)
 
-        def groups(chosen: Sequence[int]) -> Iterator[list[int]]:
-            """Those of the chosen that may make a cover: of each face with each tool, and with all."""
-            for face in sorted({sweep.face for sweep in sweeps}):
-                own = [k for k in chosen if sweeps[k].face == face]
-                names = sorted({sweeps[k].tool for k in own})
-                for name in names:
-                    yield [k for k in own if sweeps[k].tool == name]
-                if len(names) > 1:
-                    yield own
+        def groups(chosen: Sequence[int]) -> list[list[int]]:
+            """Those of the chosen that may make a cover: of each face with each tool."""
+            keys = sorted({(sweep.face, sweep.tool) for sweep in sweeps})
+            own = [[k for k in chosen if (sweeps[k].face, sweeps[k].tool) == key] for key in keys]
+            return [group for group in own if group]
 
         def judged(k: int) -> Array:
             motion = solutions[k].motion

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -98,8 +99,9 @@ class Judge:
     under: float
 
     @classmethod
+    @lru_cache(maxsize=1)
     def of(cls, scene: Scene) -> Judge:
-        """Prepare a scene."""
+        """Prepare a scene; kept, since that can be done before there are sweeps."""
         tolerance = scene.job.tolerance
         return cls(
             scene,
