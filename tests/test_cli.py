@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -79,6 +80,24 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 # --- the pipeline ---------------------------------------------------------------------------------------------------
+
+
+def test_run_without_a_report_names_one_of_an_earlier_run(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished, tmp_path / "again")
+    folder = tmp_path / "again"
+    (folder / "out" / "report.html").write_text("of an earlier run", encoding="utf-8")
+    done = conflank("run", "job.toml", "--out", "out", "--no-report", cwd=folder)
+    assert done.returncode == 0, done.stderr.decode()
+    assert "report.html is of an earlier run" in done.stderr.decode().replace("\n", "")
+    assert (folder / "out" / "report.html").read_text("utf-8") == "of an earlier run"
+    for name in FILES:
+        if name != "report.html":
+            assert (folder / "out" / name).read_bytes() == (finished / "out" / name).read_bytes()
+    bare = conflank("run", "job.toml", "--out", "bare", "--no-report", cwd=folder)
+    assert "earlier run" not in bare.stderr.decode()
+    assert sorted(path.name for path in (folder / "bare").iterdir()) == [
+        name for name in FILES if name != "report.html"
+    ]
 
 
 def test_run_writes_its_files_and_a_table(finished: Path) -> None:
