@@ -214,8 +214,8 @@ def main() -> None:
     # when the process ends, would take a quarter of a second.
     gc.set_threshold(OBJECTS_BEFORE_COLLECTION)
     atexit.register(gc.freeze)
-    # Threads are for stages; those of OpenBLAS, on systems of a few hundred unknowns, would only be in their way, and with
-    # one its rounding is the same on any number of cores.
+    # Threads are for stages. Those of OpenBLAS would only be in the way, on systems of a few hundred unknowns; and with
+    # one the rounding is the same on any number of cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A terminal that has no rule or µ shows a question mark for it.
     for stream in (sys.stdout, sys.stderr):

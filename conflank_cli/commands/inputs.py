@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -56,14 +56,16 @@ def files_of(source: str, job: Job, folder: Path) -> list[Path]:
     return [folder / name for name in names] + ([] if source == STANDARD else [Path(source)])
 
 
-def say_if_first(talk: Talk) -> None:
-    """Say what is being waited for where no compiled kernel is kept yet, wherever numba keeps them."""
+def say_if_first(talk: Talk) -> bool:
+    """Whether no compiled kernel is kept yet, wherever numba keeps them; if so, say what is being waited for."""
     from conflank_cli.geometry.kernels.footpoint import footpoints
 
     # Where numba is told not to compile, there is nothing to wait for.
     stats = getattr(footpoints, "stats", None)
-    if stats is not None and not any(Path(stats.cache_path).glob("*.nbi")):
+    first = stats is not None and not any(Path(stats.cache_path).glob("*.nbi"))
+    if first:
         talk.note("The kernels are compiled once, at the first run: about a minute more.")
+    return first
 
 
 def _wake_compiler() -> None:
@@ -84,10 +86,18 @@ def start_kernel() -> KernelProcess:
     return click.get_current_context().with_resource(KernelProcess())
 
 
-def read_scene(job: Job, folder: Path, talk: Talk, kernel: KernelProcess, meanwhile: Sequence[str] = ()) -> Scene:
+def read_scene(
+    job: Job,
+    folder: Path,
+    talk: Talk,
+    kernel: KernelProcess,
+    meanwhile: Sequence[str] = (),
+    at_first: Callable[[], None] | None = None,
+) -> Scene:
     """The scene of a job; says what is odd about its obstacles, and first of all what else there is to wait for.
 
-    meanwhile: modules that the command will need; they are imported while the kernel's process reads.
+    meanwhile: modules that the command will need; they are imported while the kernel's process reads. at_first: called where
+    kernels are yet to be compiled.
     """
     from conflank_cli.cad.kernel_process import Wanted
 
@@ -99,7 +109,8 @@ def read_scene(job: Job, folder: Path, talk: Talk, kernel: KernelProcess, meanwh
 
     for name in meanwhile:
         import_module(name)
-    say_if_first(talk)
+    if say_if_first(talk) and at_first is not None:
+        at_first()
     _wake_compiler()
     scene = load_scene(job, folder, part_of)
     for text in obstacle_notes(scene):

@@ -68,7 +68,7 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     # A machine that does not exist should not be found out after all the computing.
     machine_of(job)
     with talk.timed("read"):
-        scene = read_scene(job, folder, talk, kernel, MEANWHILE)
+        scene = read_scene(job, folder, talk, kernel, MEANWHILE, _rehearse)
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.commands.documents import of_posting, print_document
     from conflank_cli.commands.plan_map import summary_tables
@@ -123,3 +123,9 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
             }
         )
     return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE
+
+
+def _rehearse() -> None:
+    from conflank_cli.commands.first_run import rehearse_aside
+
+    rehearse_aside()
