@@ -96,8 +96,8 @@ def read_scene(
 ) -> Scene:
     """The scene of a job; says what is odd about its obstacles, and first of all what else there is to wait for.
 
-    meanwhile: modules that the command will need; they are imported while the kernel's process reads. at_first: called where
-    kernels are yet to be compiled.
+    meanwhile: modules that the command will need; they are imported while the kernel's process reads.
+    at_first: called where kernels are yet to be compiled.
     """
     from conflank_cli.cad.kernel_process import Wanted
 
