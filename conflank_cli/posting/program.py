@@ -330,13 +330,21 @@ def _can_run(machine: Machine, run: Run) -> bool:
     return bool(within_range(machine, run.axis).all()) and runs_through(machine, run)
 
 
+def _whips(machine: Machine, run: Run, parts: Sequence[slice]) -> bool:
+    """Whether the axis would leave its way between poses of these parts of a run, for the rotary axes rush there."""
+    words = choose_words(machine, [run])[0]
+    return any(swing(machine, run.axis[part], words[part]).max() > SWING_LIMIT for part in parts)
+
+
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
     """The ways to the first pose of a piece, and from its last (read backwards)."""
     ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
     inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
-    axis = np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]])
-    if not _can_run(machine, Run(piece.label, axis)):
-        # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot.
+    run = Run(piece.label, np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]]))
+    ends = slice(0, len(inward.axis)), slice(len(run.axis) - len(outward.axis), len(run.axis))
+    if not _can_run(machine, run) or _whips(machine, run, ends):
+        # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot, and near the
+        # pose of the first rotary axis only in a rush. A straight way has the axis of the cut's end.
         inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
     return inward, outward
 

@@ -457,6 +457,21 @@ def test_near_the_pole_blocks_get_short_only_there() -> None:
     assert len(blocks) < 1500
 
 
+def test_a_sweep_that_begins_beside_the_pole_is_approached_straight() -> None:
+    """Gone on with, on an arc, its axis would pass the pole within a block, and C would turn by half a turn in it."""
+    t = np.linspace(0.0, 1.0, 300)
+    tip = np.stack([np.full(300, -3.0), 60.0 * t, np.full(300, 2.0)], axis=1)
+    axis = np.stack([np.full(300, 0.002), 0.8 * t + 0.01, np.ones(300)], axis=1)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    sweep = Sweep(0, "T1", motion_of(tip, axis, "T1"))
+    text, _ = post_program(scene_of(), [sweep])
+    assert "TOOL CALL" in text
+    path = plan_to_toolpath(scene_of(), [sweep], AC)
+    (approach,), (retract,) = stretches_of(path, Purpose.APPROACH), stretches_of(path, Purpose.RETRACT)
+    np.testing.assert_allclose(approach.axis, np.broadcast_to(approach.axis[-1], approach.axis.shape), atol=1e-12)
+    np.testing.assert_allclose(retract.axis, np.broadcast_to(retract.axis[0], retract.axis.shape), atol=1e-12)
+
+
 def test_a_machine_file_travels_with_the_job(tmp_path: Path) -> None:
     text = (Path(machines.__file__).parent / "ac-table.toml").read_text("utf-8")
     (tmp_path / "mine.toml").write_text(text.replace('name = "ac-table"', 'name = "mine"'), "utf-8")
