@@ -12,6 +12,7 @@ import numpy as np
 
 from conflank_cli import job as jobs
 from conflank_cli.cores import cores
+from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.motion import fitted
@@ -19,6 +20,7 @@ from conflank_cli.posting import post_program
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
 from conflank_cli.selection import select
+from conflank_cli.selection.obstruction import obstruction_of
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
 from conflank_cli.verification.result import Verification
@@ -64,5 +66,7 @@ def rehearse() -> Verification:
     t = np.linspace(0.0, 1.0, 40)
     p = np.stack([LENGTH * t, 0.0 * t, np.full(len(t), tool.r_min * np.cos(alpha))], axis=1)
     motion = fitted(t, np.hstack([p, p + tool.length * np.array([0.0, np.cos(alpha), np.sin(alpha)])]), 8)
+    # What keeps a sweep from covering all of its face is looked for only where one does not.
+    obstruction_of(Collider.of(scene), motion, tool)
     choice = select(scene, [Sweep(0, tool.name, motion)], SilentProgress())
     return verify_program(post_program(scene, choice.plan)[0], scene)
