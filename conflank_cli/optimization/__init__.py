@@ -76,11 +76,11 @@ def optimize(scene: Scene, sweeps: list[Sweep], progress: Progress) -> tuple[lis
             """Those of the chosen that make good covers, `count` of every face and tool or so, by their gaps."""
             new = [k for k in chosen if k not in known]
             known.update(zip(new, side_by_side(title, gap, new), strict=True))
-            found: dict[int, None] = {}
+            found: list[int] = []
             for group in groups(chosen):
                 of_group = np.array([known[k] for k in group])
-                found |= dict.fromkeys(group[k] for k in _worth_more(task_of[group[0]], of_group, target, count))
-            return list(found)
+                found.extend(group[k] for k in _worth_more(task_of[group[0]], of_group, target, count))
+            return found
 
         def groups(chosen: Sequence[int]) -> list[list[int]]:
             """Those of the chosen that may make a cover: of each face with each tool."""
