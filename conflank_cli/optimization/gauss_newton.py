@@ -154,8 +154,8 @@ def minimise(
             grid, field = (few, None) if sparse else (samples, None)
             basis = basis_at(motion.knots, np.linspace(0.0, 1.0, few[0])) if sparse else every
         warm = field is not None
-        fractions, radii = _spheres(tool, grid[1], limits.allowance)
         if field is None:
+            fractions, radii = _spheres(tool, grid[1], limits.allowance)
             field = _seeded(face, motion, grid[0], fractions)
         outcome, promised = gauss_newton_step(
             *face.projector.spans, face.sense, face.raster, *basis, control, tool.length, fractions, radii,

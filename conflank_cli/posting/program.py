@@ -315,7 +315,7 @@ def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link 
     if not _can_run(machine, run):
         return None
     words = choose_words(machine, [run])[0][first : first + len(link.tip)]
-    if swing(machine, link.axis, words).max() > SWING_LIMIT:
+    if _whips(machine, link.axis, words):
         return None
     number = np.arange(len(link.tip), dtype=np.float64)
     shares = np.linspace(0.0, number[-1], LINK_CHECKS * (len(number) - 1) + 1)
@@ -330,10 +330,17 @@ def _can_run(machine: Machine, run: Run) -> bool:
     return bool(within_range(machine, run.axis).all()) and runs_through(machine, run)
 
 
-def _whips(machine: Machine, run: Run, parts: Sequence[slice]) -> bool:
-    """Whether the axis would leave its way between poses of these parts of a run, for the rotary axes rush there."""
+def _whips(machine: Machine, axis: Array, words: Array) -> bool:
+    """Whether the axis would leave its way (N, 3) between poses, for the rotary axes rush there, words (N, 2)."""
+    return bool(swing(machine, axis, words).max() > SWING_LIMIT)
+
+
+def _rushes(machine: Machine, run: Run, parts: Sequence[slice]) -> bool:
+    """Whether the machine cannot follow a run evenly: run through all of it, and through these parts without a rush."""
+    if not _can_run(machine, run):
+        return True
     words = choose_words(machine, [run])[0]
-    return any(swing(machine, run.axis[part], words[part]).max() > SWING_LIMIT for part in parts)
+    return any(_whips(machine, run.axis[part], words[part]) for part in parts)
 
 
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
@@ -342,7 +349,7 @@ def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, m
     inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
     run = Run(piece.label, np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]]))
     ends = slice(0, len(inward.axis)), slice(len(run.axis) - len(outward.axis), len(run.axis))
-    if not _can_run(machine, run) or _whips(machine, run, ends):
+    if _rushes(machine, run, ends):
         # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot, and near the
         # pose of the first rotary axis only in a rush. A straight way has the axis of the cut's end.
         inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
