@@ -38,6 +38,7 @@ from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
+from conflank_cli.once import Once
 from conflank_cli.progress import Progress, SilentProgress, make_progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -147,7 +148,7 @@ def scene(face: DesignFace, tools: Sequence[Tool], density: Density = "normal", 
         detection=jobs.Detection(density),
         machine=jobs.Machine("no-limits", None, NO_MACHINE) if free else jobs.Machine(),
     )
-    return Scene(job, "part", (face,), tuple(tools), NOTHING, {})
+    return Scene(job, "part", (face,), tuple(tools), Once(lambda: NOTHING), {})
 
 
 def load(flank: Flank) -> DesignFace:

@@ -53,6 +53,7 @@ from conflank_cli.geometry.screening import Screen, longest_between
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion, fitted
+from conflank_cli.once import Once
 from conflank_cli.optimization import (
     POINTS,
     optimize,
@@ -87,7 +88,7 @@ def scene(
         optimization=jobs.Optimization(polish=polish, grow=grow),
         machine=jobs.Machine("no-limits", None, NO_MACHINE),
     )
-    return Scene(job, "part", (face,), tuple(tools), NOTHING, {})
+    return Scene(job, "part", (face,), tuple(tools), Once(lambda: NOTHING), {})
 
 
 def task_of(job: Scene, face: int = 0) -> Task:

@@ -46,4 +46,4 @@ def seen_from_first(scene: Scene) -> Scene:
     bodies = scene.check.only(foreign)
     # Points are rows: times R is turning back.
     turned = [replace(bodies, vertices=bodies.vertices @ copy_rotation(copies, number)) for number in copies.order]
-    return replace(scene, check=CheckMesh.joined([scene.check.only(~foreign), *turned]))
+    return scene.checking(CheckMesh.joined([scene.check.only(~foreign), *turned]))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.job import Job
+from conflank_cli.once import Once
 from conflank_cli.tool import Tool
 
 
@@ -22,7 +23,7 @@ class Scene:
     part_name: name of the part for program headers.
     faces: the design faces in the job's order, regions cut out, sides resolved.
     tools: the tools of the drawer in the job's order.
-    check: what nothing may touch (empty arrays for none).
+    mesh: what nothing may touch (empty arrays for none), made when first asked for: faces are there before it.
     inputs: SHA-256 of every input file by file name.
     """
 
@@ -30,5 +31,14 @@ class Scene:
     part_name: str
     faces: tuple[DesignFace, ...]
     tools: tuple[Tool, ...]
-    check: CheckMesh
+    mesh: Once[CheckMesh]
     inputs: Mapping[str, str]
+
+    @property
+    def check(self) -> CheckMesh:
+        """What nothing may touch. Raises what making its triangles raises."""
+        return self.mesh()
+
+    def checking(self, mesh: CheckMesh) -> Scene:
+        """The scene with something else that nothing may touch."""
+        return replace(self, mesh=Once(lambda: mesh))

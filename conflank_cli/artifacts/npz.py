@@ -38,6 +38,7 @@ from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.job import job_from_builtins
 from conflank_cli.motion import DEGREE, Motion
+from conflank_cli.once import Once
 from conflank_cli.output import STANDARD, check_output, write_output
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -326,9 +327,8 @@ def decode_contents(data: bytes, where: str, expected: Kind | None = None) -> Co
         arrays["check_face"].astype(np.int32),
     )
     job = job_from_builtins(document.job, where)
-    scene = Scene(
-        job, document.part_name, faces, tuple(_tool(entry) for entry in document.tools), check, document.inputs
-    )
+    tools = tuple(_tool(entry) for entry in document.tools)
+    scene = Scene(job, document.part_name, faces, tools, Once(lambda: check), document.inputs)
     return Contents(kind, scene, _sweeps(document.sweeps, arrays), _passes(document.passes, arrays), document.summary)
 
 

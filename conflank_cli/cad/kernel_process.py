@@ -2,7 +2,8 @@
 
 The kernel takes about 0.6 s to load and 250 MB, and nothing needs it once the faces of a part are numbers. So a command
 starts this process first of all: it loads the kernel while the command reads its job, and reads the part while the
-command imports what it will compute with. Then it hands over the part as numbers, and its memory is free again.
+command imports what it will compute with. It hands over the faces as numbers as soon as it has them, then the
+triangles, which take it longest and which the first stage needs last; then its memory is free again.
 
 This module imports nothing that is slow: a command starts with it.
 """
@@ -16,21 +17,24 @@ import signal
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from conflank_cli.errors import ConflankError, InputError
+from conflank_cli.once import Once
 
 if TYPE_CHECKING:
     from conflank_cli.cad.part import FaceGeometry, Part, PartFace, Piece
 
 Found = TypeVar("Found")
+Meshing = tuple[tuple[int, ...], float]
+"""Numbers of the faces to triangulate, and how closely, mm."""
 
 
 class Wanted(NamedTuple):
@@ -109,7 +113,8 @@ class KernelProcess:
     def read(self, wanted: Wanted) -> Callable[[], Part]:
         """Have the file read; what is returned waits for the part, or raises what `read_part` raises.
 
-        Only what is wanted of the part can be asked of it. A file in JSON has no use for the kernel, and is read here.
+        Only what is wanted of the part can be asked of it, and within the context: its triangles are waited for when
+        they are asked for. A file in JSON has no use for the kernel, and is read here.
         """
         process = self._process
         if process is None or process.stdin is None or wanted.path.suffix.lower() == ".json":
@@ -124,19 +129,29 @@ class KernelProcess:
 
 
 def _answer(process: subprocess.Popen[bytes], file: str) -> Part:
-    """The part that the process hands over."""
-    output, _ = process.communicate()
-    if process.returncode != 0:
-        code = process.returncode
-        end = f"exit code {code}" if code > 0 else signal.Signals(-code).name
-        raise InputError(
-            file,
-            f"a file on which the CAD kernel breaks down ({end})",
-            "a complete and sound CAD file",
-            "Export the part again, or in another format.",
-        )
-    tried: Tried[Part] = pickle.loads(output)
-    return tried.found()
+    """The part that the process hands over, with triangles that are still to come."""
+    answer: Tried[tuple[Part, Meshing | None]] = _next(process, file)
+    part, meshing = answer.found()
+    if meshing is None:
+        return part
+    pieces: Once[Tried[list[Piece]]] = Once(partial(_next, process, file))
+    return replace(part, triangulate=partial(_triangles, pieces, meshing))
+
+
+def _next(process: subprocess.Popen[bytes], file: str) -> Any:
+    """The next thing that the process hands over."""
+    assert process.stdout is not None
+    try:
+        return pickle.load(process.stdout)
+    except (EOFError, pickle.UnpicklingError):
+        code = process.wait()
+    end = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+    raise InputError(
+        file,
+        f"a file on which the CAD kernel breaks down ({end})",
+        "a complete and sound CAD file",
+        "Export the part again, or in another format.",
+    )
 
 
 def serve() -> None:
@@ -154,34 +169,46 @@ def serve() -> None:
         # The command had no use for it.
         os._exit(0)
     with suppress(BrokenPipeError):
-        pickle.dump(_tried(partial(_read, wanted)), answers, protocol=pickle.HIGHEST_PROTOCOL)
-        answers.flush()
+        for answer in _read(wanted):
+            pickle.dump(answer, answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.flush()
     # To take the kernel apart in order would be half as long again as to load it.
     os._exit(0)
 
 
-def _read(wanted: Wanted) -> Part:
-    """The part with what is wanted of it, and without the kernel."""
+def _read(wanted: Wanted) -> Iterator[Tried[Any]]:
+    """The part with the geometry that is wanted, and what triangles there will be; then these, if any."""
     from conflank_cli.cad.reader import read_part
     from conflank_cli.cad.triangulation import DEFLECTION_MM
 
-    part = read_part(wanted.path, wanted.scale)
-    # Where there is no such face, that is said where the job is looked at.
-    design: Sequence[PartFace] = part.faces if wanted.design is None else ()
-    numbers: list[int] = []
+    tried = _tried(partial(read_part, wanted.path, wanted.scale))
+    if tried.result is None:
+        yield tried
+        return
+    part, numbers = tried.result, _to_check(tried.result, wanted)
+    meshing = (numbers, DEFLECTION_MM) if part.triangulate is not None and numbers else None
+    geometry = {face.number: _tried(face.load) for face in _design(part, wanted)}
+    faces = tuple(replace(face, load=partial(_geometry, geometry, face.number)) for face in part.faces)
+    yield Tried((replace(part, faces=faces, triangulate=None), meshing))
+    if part.triangulate is not None and meshing is not None:
+        yield _tried(partial(part.triangulate, *meshing))
+
+
+# Where there is no such face, that is said where the job is looked at.
+def _design(part: Part, wanted: Wanted) -> Sequence[PartFace]:
+    """The faces whose geometry is wanted."""
+    if wanted.design is None:
+        return part.faces
     with suppress(InputError):
-        design = [part.face(word, "") for word in wanted.design or ()] or design
+        return [part.face(word, "") for word in wanted.design]
+    return ()
+
+
+def _to_check(part: Part, wanted: Wanted) -> tuple[int, ...]:
+    """Numbers of the faces whose triangles are wanted."""
     with suppress(InputError):
-        numbers = [face.number for face in part.to_check(wanted.design or (), wanted.check)]
-    geometry = {face.number: _tried(face.load) for face in design}
-    pieces = {}
-    if part.triangulate is not None and numbers:
-        pieces[tuple(numbers), DEFLECTION_MM] = _tried(partial(part.triangulate, numbers, DEFLECTION_MM))
-    return replace(
-        part,
-        faces=tuple(replace(face, load=partial(_geometry, geometry, face.number)) for face in part.faces),
-        triangulate=partial(_triangles, pieces),
-    )
+        return tuple(face.number for face in part.to_check(wanted.design or (), wanted.check))
+    return ()
 
 
 def _geometry(known: Mapping[int, Tried[FaceGeometry]], number: int) -> FaceGeometry:
@@ -190,7 +217,8 @@ def _geometry(known: Mapping[int, Tried[FaceGeometry]], number: int) -> FaceGeom
 
 
 def _triangles(
-    known: Mapping[tuple[tuple[int, ...], float], Tried[list[Piece]]], numbers: Sequence[int], deflection: float
+    known: Callable[[], Tried[list[Piece]]], meshing: Meshing, numbers: Sequence[int], deflection: float
 ) -> list[Piece]:
     """What `Part.triangulate` returns or raises, of the faces whose triangles were wanted."""
-    return known[tuple(numbers), deflection].found()
+    assert (tuple(numbers), deflection) == meshing
+    return known().found()

@@ -66,12 +66,14 @@ def with_obstacles(scene: Scene, job: Job, folder: Path) -> Scene:
         **hashes,
     }
     own = scene.check.only(scene.check.face >= 0)
-    return replace(scene, check=CheckMesh.joined([own, mesh]), inputs=inputs)
+    return replace(scene.checking(CheckMesh.joined([own, mesh])), inputs=inputs)
 
 
 def obstacle_notes(scene: Scene) -> list[str]:
     """What a user should know of the obstacles: open, of another size than the part, out of any tool's reach."""
-    notes = []
+    notes: list[str] = []
+    if not scene.job.obstacles.meshes:
+        return notes
     faces = np.concatenate([face.surface.poles.reshape(-1, 3) for face in scene.faces])
     low, high = faces.min(axis=0), faces.max(axis=0)
     own = np.concatenate([faces, scene.check.only(scene.check.face >= 0).vertices])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,13 @@ from conflank_cli import job as jobs
 from conflank_cli.cad.loops import Box, bounds, clip, merge, rectangle, snap
 from conflank_cli.cad.mesh import mesh_faces
 from conflank_cli.cad.obstacles import read_obstacles
-from conflank_cli.cad.part import FaceGeometry, Part
+from conflank_cli.cad.part import FaceGeometry, Part, PartFace
 from conflank_cli.cad.quadrature import trimmed_area
 from conflank_cli.cad.reader import read_part
 from conflank_cli.cad.triangulation import DEFLECTION_MM
 from conflank_cli.errors import InputError
 from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.once import Once
 from conflank_cli.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -30,7 +32,7 @@ WHOLE = (0.0, 1.0, 0.0, 1.0)
 
 
 def load_scene(job: jobs.Job, folder: Path, part_of: Callable[[], Part] | None = None) -> Scene:
-    """Read the part of a job and resolve everything that stages need.
+    """Read the part of a job and resolve everything that stages need; triangles are made when first asked for.
 
     Parameters
     ----------
@@ -40,7 +42,8 @@ def load_scene(job: jobs.Job, folder: Path, part_of: Callable[[], Part] | None =
 
     Raises
     ------
-    InputError: as `read_part`, `resolve_faces`, `check_mesh`, `read_obstacles` and `Job.resolved_tools`.
+    InputError: as `read_part`, `resolve_faces`, `Part.to_check`, `read_obstacles` and `Job.resolved_tools`; as
+        `check_mesh` whoever asks for the triangles.
     """
     tools = job.resolved_tools()
     part = read_part(folder / job.part.file, job.part.scale) if part_of is None else part_of()
@@ -50,7 +53,7 @@ def load_scene(job: jobs.Job, folder: Path, part_of: Callable[[], Part] | None =
         part.name,
         resolve_faces(part, job.part),
         tools,
-        CheckMesh.joined([check_mesh(part, job.part), obstacles]),
+        Once(partial(_with_obstacles, part, to_check(part, job.part), obstacles)),
         {part.file: part.sha256, **hashes},
     )
 
@@ -68,12 +71,21 @@ def resolve_faces(part: Part, wanted: jobs.Part) -> tuple[DesignFace, ...]:
     return tuple(_design_face(part, design, index) for index, design in enumerate(wanted.design))
 
 
-def check_mesh(part: Part, wanted: jobs.Part, deflection: float = DEFLECTION_MM) -> CheckMesh:
-    """Triangles of the faces that nothing may touch, within `deflection` mm.
+def to_check(part: Part, wanted: jobs.Part) -> list[PartFace]:
+    """The faces that nothing may touch.
 
     "rest" is every face that is not a design face; a face of which only a region is one is a design face.
     """
-    return mesh_faces(part, part.to_check([item.face for item in wanted.design], wanted.check_faces), deflection)
+    return part.to_check([item.face for item in wanted.design], wanted.check_faces)
+
+
+def check_mesh(part: Part, wanted: jobs.Part, deflection: float = DEFLECTION_MM) -> CheckMesh:
+    """Triangles of the faces that nothing may touch, within `deflection` mm."""
+    return mesh_faces(part, to_check(part, wanted), deflection)
+
+
+def _with_obstacles(part: Part, faces: Sequence[PartFace], obstacles: CheckMesh) -> CheckMesh:
+    return CheckMesh.joined([mesh_faces(part, faces, DEFLECTION_MM), obstacles])
 
 
 def _place(index: int) -> str:

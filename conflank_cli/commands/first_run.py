@@ -16,6 +16,7 @@ from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.motion import fitted
+from conflank_cli.once import Once
 from conflank_cli.posting import post_program
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
@@ -61,7 +62,7 @@ def rehearse() -> Verification:
     below = np.array([[0.0, 0.0, -DEPTH], [LENGTH, 0.0, -DEPTH], [0.0, width, -DEPTH]])
     check = CheckMesh(below, np.array([[0, 1, 2]], dtype=np.int32), np.ones(1, dtype=np.int32))
     job = jobs.Job(part=jobs.Part("", (jobs.Design(0),)), tools=jobs.Tools((tool.name,)))
-    scene = Scene(job, "", (face,), (tool,), check, {})
+    scene = Scene(job, "", (face,), (tool,), Once(lambda: check), {})
 
     t = np.linspace(0.0, 1.0, 40)
     p = np.stack([LENGTH * t, 0.0 * t, np.full(len(t), tool.r_min * np.cos(alpha))], axis=1)

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import time
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 import click
 
 from conflank_cli import completion, options
 from conflank_cli.options import Talk
 
-MEANWHILE = (
-    "conflank_cli.commands.stages",
-    "conflank_cli.detection",
+if TYPE_CHECKING:
+    from conflank_cli.scene import Scene
+
+MEANWHILE = ("conflank_cli.commands.stages", "conflank_cli.detection")
+"""What is imported while the part is being read."""
+LATER = (
     "conflank_cli.optimization",
     "conflank_cli.selection",
     "conflank_cli.posting",
     "conflank_cli.verification.verify",
     "conflank_cli.report.document",
 )
-"""What is imported while the part is being read."""
+"""What is imported beside detection."""
 
 
 @click.command(epilog="\b\nExample:\n  conflank run job.toml --out out")
@@ -69,19 +74,19 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     machine_of(job)
     with talk.timed("read"):
         scene = read_scene(job, folder, talk, kernel, MEANWHILE, _rehearse)
+    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
+
+    with ThreadPoolExecutor(1) as aside:
+        later = aside.submit(_prepare, scene)
+        candidates, candidates_summary = run_detect(scene, talk)
+        motions, motions_summary = run_optimize(scene, candidates, talk)
+        later.result()
     from conflank_cli.artifacts.npz import encode_artifact
     from conflank_cli.commands.documents import of_posting, print_document
     from conflank_cli.commands.plan_map import summary_tables
-    from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
-    from conflank_cli.selection.judging import Judge
     from conflank_cli.verification.verify import pose_program
 
-    with ThreadPoolExecutor(1) as aside:
-        # What selection holds sweeps against is made while there are none yet.
-        aside.submit(Judge.of, scene)
-        candidates, candidates_summary = run_detect(scene, talk)
-        motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary, coverage = run_select(scene, motions, talk)
     passes, plan_summary = run_passes(scene, plan, plan_summary, talk)
     contents: dict[str, bytes | str] = {
@@ -123,6 +128,15 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
             }
         )
     return EXIT_FINDINGS if verification is None or verification.findings else EXIT_DONE
+
+
+def _prepare(scene: Scene) -> None:
+    """Make ready for sweeps what later stages need, while there are none yet."""
+    for name in LATER:
+        import_module(name)
+    from conflank_cli.selection.judging import Judge
+
+    Judge.of(scene)
 
 
 def _rehearse() -> None:

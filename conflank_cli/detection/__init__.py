@@ -65,13 +65,12 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     """
     density = DENSITIES[scene.job.detection.density]
     limits = Limits.of(scene.job.tolerance)
-    screen = Screen.of(scene, SCREEN_SPACING)
     sweeps: list[Sweep] = []
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):
             for tool in scene.tools:
                 face = WorkFace.under(design, tool)
-                found = _families(face, tool, density, screen, limits)
+                found = _families(scene, face, tool, density, limits)
                 sweeps.extend(Sweep(index, tool.name, motion, facts) for motion, facts in found)
                 stage.advance()
     if not sweeps:
@@ -85,7 +84,7 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
 
 
 def _families(
-    face: WorkFace, tool: Tool, density: Density, screen: Screen, limits: Limits
+    scene: Scene, face: WorkFace, tool: Tool, density: Density, limits: Limits
 ) -> list[tuple[Motion, dict[str, float]]]:
     """One motion, and what was measured of its sequence, for each family of sweeps of one tool on one face."""
     dense = face.samples(face.spacing(AREA_SAMPLES))
@@ -93,7 +92,8 @@ def _families(
     heights = sphere_heights(tool)
     places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
     seeds = seed_lines(face, tool, contacts, places, limits.allowance)
-    traced = trace(face, tool, seeds, dense, screen, limits)
+    # Not before: triangles may yet be on their way.
+    traced = trace(face, tool, seeds, dense, Screen.of(scene, SCREEN_SPACING), limits)
     families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()), density.families)
     samples = face.samples(face.spacing(SPREAD_SAMPLES))
 

@@ -48,7 +48,7 @@ def around(scene: Scene, turn: Turn) -> Scene:
     bodies = scene.check.only(foreign)
     # Points are rows: times R is turning back.
     turned = replace(bodies, vertices=bodies.vertices @ about(*turn))
-    return replace(scene, check=CheckMesh.joined([scene.check.only(~foreign), turned]))
+    return scene.checking(CheckMesh.joined([scene.check.only(~foreign), turned]))
 
 
 def moves_by_copy(by_copy: Sequence[Poses], tools: Sequence[Tool | None], surface: Array) -> list[Flags]:

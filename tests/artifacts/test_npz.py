@@ -31,6 +31,7 @@ from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.job import parse_job
 from conflank_cli.motion import Motion, uniform_knots
+from conflank_cli.once import Once
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 
@@ -49,7 +50,7 @@ def flat_face(rational: bool = False, holes: int = 1) -> DesignFace:
 def scene_of(*faces: DesignFace) -> Scene:
     job = parse_job(JOB, "job.toml", Path())
     check = CheckMesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32), np.array([-1], dtype=np.int32))
-    return Scene(job, "a", faces or (flat_face(),), job.resolved_tools(), check, {"a.step": "0" * 64})
+    return Scene(job, "a", faces or (flat_face(),), job.resolved_tools(), Once(lambda: check), {"a.step": "0" * 64})
 
 
 def sweep_of(controls: int, seed: int = 0) -> Sweep:

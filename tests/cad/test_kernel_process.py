@@ -57,6 +57,7 @@ def test_a_scene_is_the_same_wherever_its_part_is_read(without_kernel, started):
     with KernelProcess() as kernel:
         wanted = Wanted(BLADE / job.part.file, job.part.scale, [d.face for d in job.part.design], job.part.check_faces)
         there = load_scene(job, BLADE, kernel.read(wanted))
+        assert len(there.check.triangles) > 10_000
         assert "OCP" not in sys.modules
     (process,) = started
     assert process.returncode == 0

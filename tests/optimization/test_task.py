@@ -91,7 +91,7 @@ def test_a_sweep_that_stands_too_deep_is_slid_out(task: Task) -> None:
             for centre, x, y in zip(centres, across, np.cross(d, across), strict=True)
         )
     )
-    blocked = replace(task, screen=Screen.of(replace(envelope_scene(CASE), check=plates), 1.0))
+    blocked = replace(task, screen=Screen.of(envelope_scene(CASE).checking(plates), 1.0))
     solution = task.first(motion)
     assert task.rescued(solution) is None
     areas = task.samples.areas

@@ -86,7 +86,7 @@ def test_a_link_hops_over_what_stands_in_between_or_is_left_out() -> None:
         box = np.array([-40.0, 24.0, 0.0]) + BOX * [40.0, 4.0, high]
         triangles = np.array(SIDES, dtype=np.int32)
         mesh = CheckMesh(box, triangles, np.zeros(len(triangles), dtype=np.int32))
-        scene = replace(scene_of(), check=mesh)
+        scene = scene_of().checking(mesh)
         path = plan_to_toolpath(scene, [], AC, [pass_of(turn=0.0), shifted(pass_of(turn=0.0), 24.0)])
         return [len(link.tip) for link in stretches_of(path, Purpose.LINK)]
 

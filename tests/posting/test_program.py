@@ -16,6 +16,7 @@ from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.job import parse_job
 from conflank_cli.machine_frame import machine_of
 from conflank_cli.motion import Motion, uniform_knots
+from conflank_cli.once import Once
 from conflank_cli.posting import plan_to_toolpath, post_program, summarize
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -44,7 +45,7 @@ def scene_of(extra: str = "", check: np.ndarray | None = None) -> Scene:
     face = DesignFace(4, "", BSplineSurface(1, 1, CLAMPED, CLAMPED, poles), SQUARE, -1)
     vertices = np.zeros((0, 3)) if check is None else check
     mesh = CheckMesh(vertices, np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32))
-    return Scene(job, "plate", (face,), (CATALOGUE["T1"], CATALOGUE["T3"]), mesh, {})
+    return Scene(job, "plate", (face,), (CATALOGUE["T1"], CATALOGUE["T3"]), Once(lambda: mesh), {})
 
 
 def motion_of(tip: np.ndarray, axis: np.ndarray, tool: str, count: int = 14) -> Motion:
@@ -254,7 +255,7 @@ def test_where_an_arc_would_hit_something_the_way_is_another() -> None:
     scene = scene_of(check=np.zeros((0, 3)))
     triangles = np.stack([np.arange(len(post) - 2), np.arange(1, len(post) - 1), np.arange(2, len(post))], axis=1)
     mesh = CheckMesh(corners, triangles.astype(np.int32), np.zeros(len(triangles), dtype=np.int32))
-    approach = stretches_of(plan_to_toolpath(replace(scene, check=mesh), [upright()], AC), Purpose.APPROACH)[0]
+    approach = stretches_of(plan_to_toolpath(scene.checking(mesh), [upright()], AC), Purpose.APPROACH)[0]
     share = np.linspace(0.0, 1.0, 50)[:, None]
     for start, end, axis in zip(approach.tip[:-1], approach.tip[1:], approach.axis[:-1], strict=True):
         for place in start + share * (end - start):

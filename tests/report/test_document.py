@@ -164,7 +164,7 @@ def test_findings_jump_to_their_place() -> None:
 
 def test_names_are_names_and_no_markup() -> None:
     odd = scene_of(FACE)
-    odd = Scene(odd.job, "</script><b>x", odd.faces, odd.tools, odd.check, {"a&b.step": "0"})
+    odd = replace(odd, part_name="</script><b>x", inputs={"a&b.step": "0"})
     page = page_of(odd, lying_cone(0.0))
     assert "<b>x" not in page
     assert "&lt;/script&gt;&lt;b&gt;x" in page and "a&amp;b.step" in page

@@ -41,7 +41,7 @@ def turned(face: DesignFace, thickness: float) -> DesignFace:
 def scene_with(
     check: CheckMesh, *, thickness: float = 2.0, cutting: str = "climb", copies: Copies | None = None
 ) -> Scene:
-    base = replace(scene_of(UPPER), faces=(UPPER, turned(UPPER, thickness)), check=check)
+    base = replace(scene_of(UPPER, check=check), faces=(UPPER, turned(UPPER, thickness)))
     program = msgspec.structs.replace(base.job.program, cutting=cutting)
     setup = msgspec.structs.replace(base.job.setup, copies=copies or Copies())
     return replace(base, job=msgspec.structs.replace(base.job, program=program, setup=setup))
@@ -99,7 +99,7 @@ def test_the_axis_of_the_copies_says_where_the_hub_is() -> None:
     order, _, why = ordered(scene, [cut(scene, 0, low) for low in (0.0, 30.0, 15.0)])
     assert order == [1, 2, 0]
     assert "axis of the copies" in why
-    above = replace(scene, check=replace(HUB, vertices=HUB.vertices + np.array([0.0, 90.0, 0.0])))
+    above = scene.checking(replace(HUB, vertices=HUB.vertices + np.array([0.0, 90.0, 0.0])))
     assert ordered(above, [cut(scene, 0, low) for low in (0.0, 30.0, 15.0)])[0] == [1, 2, 0]
 
 

@@ -155,7 +155,7 @@ def test_nothing_fits() -> None:
 
 
 def with_check(scene: Scene, *quads: list[list[float]], face: int = 9) -> Scene:
-    return replace(scene, check=triangles_of(*quads, face=face))
+    return scene.checking(triangles_of(*quads, face=face))
 
 
 def test_what_is_in_the_way_is_named_and_the_rest_is_left_for_its_reason() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.job import Design, Job, Margin, Obstacles, Part, Setup, Tolerance, Tools
+from conflank_cli.once import Once
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE, Tool
 
@@ -53,7 +54,7 @@ def scene_of(
         setup=setup or Setup(),
         obstacles=Obstacles((), margin or Margin()),
     )
-    return Scene(job, "part", tuple(faces), tuple(tools), check, {})
+    return Scene(job, "part", tuple(faces), tuple(tools), Once(lambda: check), {})
 
 
 def triangles_of(*quads: Sequence[Sequence[float]], face: int = 9) -> CheckMesh:

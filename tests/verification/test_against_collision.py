@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -81,5 +79,5 @@ def test_a_tip_between_points_a_millimetre_apart_is_found() -> None:
     # The cone lies on the plane z = 0 along its generator, all along the ridge at once.
     assert result.clearance_mm.cone.least == pytest.approx(0.195, abs=0.003)
     assert [finding.code for finding in result.findings if finding.code == "CF302"] == ["CF302"]
-    open_air = replace(scene, check=CheckMesh(vertices - [0.0, 0.0, 0.02], faces, np.full(4, -1, np.int32)))
+    open_air = scene.checking(CheckMesh(vertices - [0.0, 0.0, 0.02], faces, np.full(4, -1, np.int32)))
     assert "CF302" not in [finding.code for finding in verify_program(text, open_air, "", 3000).findings]
