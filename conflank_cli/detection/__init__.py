@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
+from conflank_cli.once import Once
 from conflank_cli.progress import Progress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
@@ -65,12 +67,13 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
     """
     density = DENSITIES[scene.job.detection.density]
     limits = Limits.of(scene.job.tolerance)
+    screen = Once(partial(Screen.of, scene, SCREEN_SPACING))
     sweeps: list[Sweep] = []
     with progress.stage("detect", len(scene.faces) * len(scene.tools)) as stage:
         for index, design in enumerate(scene.faces):
             for tool in scene.tools:
                 face = WorkFace.under(design, tool)
-                found = _families(scene, face, tool, density, limits)
+                found = _families(face, tool, density, screen, limits)
                 sweeps.extend(Sweep(index, tool.name, motion, facts) for motion, facts in found)
                 stage.advance()
     if not sweeps:
@@ -84,7 +87,7 @@ def detect(scene: Scene, progress: Progress) -> list[Sweep]:
 
 
 def _families(
-    scene: Scene, face: WorkFace, tool: Tool, density: Density, limits: Limits
+    face: WorkFace, tool: Tool, density: Density, screen: Once[Screen], limits: Limits
 ) -> list[tuple[Motion, dict[str, float]]]:
     """One motion, and what was measured of its sequence, for each family of sweeps of one tool on one face."""
     dense = face.samples(face.spacing(AREA_SAMPLES))
@@ -92,8 +95,7 @@ def _families(
     heights = sphere_heights(tool)
     places = heights[np.round(np.array(density.heights) * (len(heights) - 1)).astype(int)]
     seeds = seed_lines(face, tool, contacts, places, limits.allowance)
-    # Not before: triangles may yet be on their way.
-    traced = trace(face, tool, seeds, dense, Screen.of(scene, SCREEN_SPACING), limits)
+    traced = trace(face, tool, seeds, dense, screen, limits)
     families = represent(traced, density.alike, SMALLEST * float(dense.areas.sum()), density.families)
     samples = face.samples(face.spacing(SPREAD_SAMPLES))
 

@@ -15,6 +15,7 @@ from conflank_cli.geometry.kernels.cells import mark_cells
 from conflank_cli.geometry.screening import Screen, longest_run
 from conflank_cli.geometry.workface import FaceSamples, WorkFace
 from conflank_cli.limits import Limits
+from conflank_cli.once import Once
 from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
@@ -78,7 +79,7 @@ def trace(
     tool: Tool,
     seeds: SeedLines,
     samples: FaceSamples,
-    screen: Screen,
+    screen: Once[Screen],
     limits: Limits,
 ) -> Traced:
     """Follow the lines of seeds over the face.
@@ -88,7 +89,8 @@ def trace(
 
     Parameters
     ----------
-    screen: what the tool must not hit; a sequence keeps its longest free stretch.
+    screen: what the tool must not hit; a sequence keeps its longest free stretch. It is asked for when the first lines
+        have been followed: triangles take longer to come than faces.
     samples: points of the face, dense against the cells; they give the cells their areas.
     limits: tolerances and allowance.
     """
@@ -146,7 +148,7 @@ def trace(
         extent = follow(wave)
         ways = [(p[k, low:high], d[k, low:high]) for k, (low, high) in enumerate(extent)]
         left = left[~_met(lines_p[left], lines_d[left], ways, tool)]
-        _keep_free(screen, tool, p, d, extent)
+        _keep_free(screen(), tool, p, d, extent)
         marks = mark(extent)
         for k in np.flatnonzero(extent[:, 1] - extent[:, 0] >= 4):
             covered = marks[k].ravel()[used]

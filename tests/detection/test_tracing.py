@@ -22,6 +22,7 @@ from conflank_cli.geometry.screening import Screen
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
+from conflank_cli.once import Once
 from conflank_cli.tool import CATALOGUE, Tool
 from tests.detection.test_line_field import distance_to, helicoid
 from tests.faces import design, interpolated, round_face, work
@@ -180,7 +181,7 @@ def test_tracing_covers_a_face_that_the_tool_cuts_exactly(exact: tuple[Tool, flo
     p, d = touching(tool, taper, 0.05, -0.03 * tool.length)
     seeds = SeedLines(p[None], d[None], np.array([[0.05, 8.0]]), np.array([10.0]), np.zeros(1, np.int64), np.zeros(1))
     screen = Screen.of(scene_of(design(surface, 1), tools=(tool,)))
-    traced = trace(face, tool, seeds, face.samples(0.3), screen, Limits(0.01, 0.01))
+    traced = trace(face, tool, seeds, face.samples(0.3), Once(lambda: screen), Limits(0.01, 0.01))
     (sequence,) = traced.sequences
     contact = settle(face, tool, sequence.p, sequence.d, Limits(0.01, 0.01))
     assert np.abs(contact.error[contact.on > 0.5]).max() < (0.020 if taper else SETTLED)
@@ -208,11 +209,11 @@ def test_a_line_met_on_the_way_of_another_is_not_followed_again() -> None:
     count = len(angles)
     seeds = SeedLines(p, d, uv, np.full(count, 10.0), np.arange(count), np.zeros(count))
     screen = Screen.of(scene_of(design(surface, 1), tools=(CYLINDER,)))
-    traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, Limits(0.01, 0.01))
+    traced = trace(face, CYLINDER, seeds, face.samples(1.0), Once(lambda: screen), Limits(0.01, 0.01))
     assert len(traced.sequences) == WAVE
     # A line that stands a millimetre higher is another sweep.
     higher = replace(seeds, p=np.where(np.arange(count)[:, None] % 2 == 0, p, p + np.array([0.0, 0.0, 1.0])))
-    both = trace(face, CYLINDER, higher, face.samples(1.0), screen, Limits(0.01, 0.01))
+    both = trace(face, CYLINDER, higher, face.samples(1.0), Once(lambda: screen), Limits(0.01, 0.01))
     assert {round(float(s.p[0, 2])) for s in both.sequences} == {-1, 0}
 
 
@@ -220,7 +221,7 @@ def test_allowance_keeps_the_sequence_that_far_off() -> None:
     face = work(round_face(RADIUS, 0.0, 20.0), 1, 8.0)
     seeds = seed_lines(face, CYLINDER, np.array([[0.0, 10.0]]), np.array([10.0]), 0.4)
     screen = Screen.of(scene_of(face.face, tools=(CYLINDER,)))
-    traced = trace(face, CYLINDER, seeds, face.samples(1.0), screen, Limits(0.01, 0.01, 0.4))
+    traced = trace(face, CYLINDER, seeds, face.samples(1.0), Once(lambda: screen), Limits(0.01, 0.01, 0.4))
     assert traced.sequences
     for sequence in traced.sequences:
         radial = np.hypot(*(sequence.p + 10.0 * sequence.d)[:, :2].T)
@@ -235,7 +236,7 @@ def test_no_line_fits_a_bore_narrower_than_the_tool() -> None:
     p, d, uv = np.array([[-0.1, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 10.0]])
     seeds = SeedLines(p, d, uv, np.array([10.0]), np.zeros(1, np.int64), np.zeros(1))
     screen = Screen.of(scene_of(design(surface, -1), tools=(CYLINDER,)))
-    assert trace(face, CYLINDER, seeds, face.samples(0.5), screen, Limits(0.01, 0.01)).sequences == ()
+    assert trace(face, CYLINDER, seeds, face.samples(0.5), Once(lambda: screen), Limits(0.01, 0.01)).sequences == ()
 
 
 def test_cells_between_lines_are_marked_by_interpolated_error() -> None:
