@@ -62,6 +62,8 @@ def assert_same(one: object, other: object) -> None:
     """Equality through dataclasses and arrays, to the last bit."""
     if isinstance(one, np.ndarray):
         assert one.dtype == other.dtype and one.shape == other.shape and np.array_equal(one, other)
+    elif isinstance(one, Once):
+        assert_same(one(), other())
     elif hasattr(one, "__dataclass_fields__"):
         assert type(one) is type(other)
         for name in one.__dataclass_fields__:

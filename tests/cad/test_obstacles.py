@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,8 +36,7 @@ def scene_with(folder, *meshes):
     wall = triangles_of([(0.0, 0.0, 0.0), (60.0, 0.0, 0.0), (60.0, 0.0, -9.0), (0.0, 0.0, -9.0)])
     scene = scene_of(plane_face((0.0, 60.0), (0.0, 60.0)), check=wall)
     job = job_of(*names)
-    changed = with_obstacles(scene, job, folder)
-    return type(scene)(job, scene.part_name, scene.faces, scene.tools, changed.check, changed.inputs)
+    return replace(with_obstacles(scene, job, folder), job=job)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".3mf", ".STL"])
