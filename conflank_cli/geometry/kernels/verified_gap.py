@@ -6,12 +6,12 @@ A body is an array of nine numbers; heights are measured along the axis from the
 - kind 1, frustum: (1, low height, low radius, high height, high radius, sin b, cos b, 0, 0), b its half angle;
 - kind 2, ball: (2, radius, centre height, 0, ...).
 
-A cell is a short stretch of motion between two poses: seventeen numbers, tip (3), step of the tip (3), axis (3), turn of
-the axis (3), bow of the axis (3), slack, slack per mm. At tau in [0, 1] the tip is tip + tau step (straight, as the
+A cell is a short stretch of motion between two poses: seventeen numbers, tip (3), step of the tip (3), axis (3), turn
+of the axis (3), bow of the axis (3), slack, slack per mm. At tau in [0, 1] the tip is tip + tau step (straight, as the
 control moves it) and the axis is axis + tau turn + 4 tau (1 - tau) bow, the parabola through its beginning, middle and
-end. The distance to a convex body is convex in the place of a point in the tool's frame. There a point moves on a curve,
-and what the curve leaves its tangent by within the cell the distance can fall short of its own: no more than slack, and
-slack per mm times how far the point is from the tip at the beginning.
+end. The distance to a convex body is convex in the place of a point in the tool's frame. There a point moves on a
+curve; the distance can be below its own tangent by what that curve leaves its tangent by, in a cell no more than slack,
+and slack per mm times how far the point is from the tip at the beginning.
 
 A group of cells has a pose in its middle and fifteen numbers on how the tip and the axis differ from that: at the
 beginning (6) and at the end (6), and how far they and all between them are off the straight line from the one to the
