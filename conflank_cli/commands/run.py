@@ -75,11 +75,13 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     from conflank_cli.commands.stages import run_detect, run_optimize, run_passes, run_post, run_select, run_verify
     from conflank_cli.commands.tables import facts_of, judgement
     from conflank_cli.selection.judging import Judge
-    from conflank_cli.verification.verify import pose_program
+    from conflank_cli.verification.sampling import POINTS_PER_FACE
+    from conflank_cli.verification.verify import Places, pose_program
 
     with ThreadPoolExecutor(1) as aside:
-        # What selection holds sweeps against is made while there are none yet.
+        # What selection holds sweeps against, and where the program is judged, is made while there are none yet.
         aside.submit(Judge.of, scene)
+        aside.submit(Places.of, scene, POINTS_PER_FACE)
         candidates, candidates_summary = run_detect(scene, talk)
         motions, motions_summary = run_optimize(scene, candidates, talk)
     plan, plan_summary, coverage = run_select(scene, motions, talk)

@@ -188,8 +188,11 @@ class BodyMotion:
 
         spread(run, -(-count // BLOCK), WORTH_A_THREAD)
         chosen = np.flatnonzero(where >= 0)
-        cell = where[chosen]
-        share = self.cells.begin[cell] + tau[chosen] * self.cells.width[cell]
+        cell, at = where[chosen], tau[chosen]
+        # Where a move begins the one before ends: that one is said to be it.
+        back = (at == 0.0) & (cell > 0) & self.joined[cell - 1]
+        cell, at = np.where(back, cell - 1, cell), np.where(back, 1.0, at)
+        share = self.cells.begin[cell] + at * self.cells.width[cell]
         return Below(chosen, distance[chosen], self.cells.move[cell], share)
 
 

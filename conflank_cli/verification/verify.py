@@ -126,7 +126,7 @@ class Places:
 
     @classmethod
     @lru_cache(maxsize=1)
-    def of(cls, scene: Scene, points_per_face: int = POINTS_PER_FACE) -> Places:
+    def of(cls, scene: Scene, points_per_face: int) -> Places:
         """Those of a scene; kept for whoever asks next."""
         samples = tuple(sample_face(face, points_per_face) for face in scene.faces)
         return cls(samples, Surroundings.of(scene.check))
