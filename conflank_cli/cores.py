@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 PIECES = 8
 """Pieces of work for each core: their costs differ, and whoever is done first takes the next."""
@@ -20,6 +23,14 @@ def cores() -> int:
 def threads() -> ThreadPoolExecutor:
     """Threads, one for each core."""
     return ThreadPoolExecutor(cores())
+
+
+def beside(tasks: Sequence[Callable[[], Result]]) -> list[Result]:
+    """What some tasks return, in their order, done side by side. What one of them raises is raised here."""
+    if cores() == 1:
+        return [task() for task in tasks]
+    with threads() as pool:
+        return list(pool.map(lambda task: task(), tasks))
 
 
 def spread(run: Callable[[slice], None], count: int, least: int = 1) -> None:

@@ -135,8 +135,11 @@ def _prepare(scene: Scene) -> None:
     for name in LATER:
         import_module(name)
     from conflank_cli.selection.judging import Judge
+    from conflank_cli.verification.sampling import POINTS_PER_FACE
+    from conflank_cli.verification.verify import Places
 
     Judge.of(scene)
+    Places.of(scene, POINTS_PER_FACE)
 
 
 def _rehearse() -> None:

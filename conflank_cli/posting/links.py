@@ -9,11 +9,12 @@ from math import asin
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.geometry.collision import Collider
+from conflank_cli.geometry.collision import REACH, Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from conflank_cli.scene import Scene
+from conflank_cli.tool import Tool
 
 Array = npt.NDArray[np.float64]
 
@@ -90,8 +91,10 @@ class SafePlane:
     height: float
     clearance: float
 
-    def links(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Link]:
+    def links(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Sequence[Link]]:
         """Ways from the safe plane down beside the first (or last) pose of a cut and to it, the best first.
+
+        They come in groups that are worth looking at together.
 
         The way to the pose is a quarter circle: the cut is taken up as if it had begun earlier, so that feed and swing
         are those of the cut, and the tool comes off the face by a radius. On the way down to it, along the axis,
@@ -100,49 +103,56 @@ class SafePlane:
         straight ways off the face.
         """
         for share in LINK_SHARES:
-            for lift in np.radians(LINK_LIFTS_DEG):
-                yield self._arc(ride, after, away, share * self.clearance, float(lift))
+            arcs = self._arcs(ride, after, away, share * self.clearance)
+            # Mostly the first of all is free.
+            if share == LINK_SHARES[0]:
+                yield arcs[:1]
+                arcs = arcs[1:]
+            yield arcs
         yield from self.straight(ride, after, away)
 
-    def straight(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Link]:
+    def straight(self, ride: Ride | PassRide, after: bool, away: Array) -> Iterator[Sequence[Link]]:
         """The last of these: straight off the face, and the axis stands still."""
+        tip, axis = ride.beyond(np.zeros(2), after)
         for share in LINK_SHARES:
-            for lift in np.radians(LINK_LIFTS_DEG):
-                yield self._straight(ride, after, away, share * self.clearance, float(lift))
+            way = np.array([[share * self.clearance], [0.0]])
+            yield [self._from_above(tip + way * off, axis) for off in _leaning(away, axis[0])]
 
-    def _arc(self, ride: Ride | PassRide, after: bool, away: Array, radius: float, lift: float) -> Link:
+    def _arcs(self, ride: Ride | PassRide, after: bool, away: Array, radius: float) -> list[Link]:
         angle = np.linspace(0.5 * np.pi, 0.0, ARC_BLOCKS + 1)
         tip, axis = ride.beyond(radius * np.sin(angle), after)
-        off = np.cos(lift) * away + np.sin(lift) * axis[-1]
-        tip = tip + radius * (1.0 - np.cos(angle))[:, None] * off
-        return self._from_above(tip, axis)
-
-    def _straight(self, ride: Ride | PassRide, after: bool, away: Array, distance: float, lift: float) -> Link:
-        tip, axis = ride.beyond(np.zeros(2), after)
-        off = np.cos(lift) * away + np.sin(lift) * axis[0]
-        return self._from_above(tip + np.array([[distance], [0.0]]) * off, axis)
+        way = radius * (1.0 - np.cos(angle))[:, None]
+        return [self._from_above(tip + way * off, axis) for off in _leaning(away, axis[-1])]
 
     def _from_above(self, tip: Array, axis: Array) -> Link:
         height = max(self.height - float((tip[0] - self.centre) @ axis[0]), self.clearance)
         return Link(np.vstack([tip[:1] + height * axis[:1], tip]), np.vstack([axis[:1], axis]))
 
 
-def clearest(links: Iterable[Link], ride: Ride | PassRide, screen: Screen, collider: Collider) -> Link:
+def _leaning(away: Array, axis: Array) -> list[Array]:
+    """Directions off the face, (3,), from the one across the axis on more and more up the axis."""
+    return [np.cos(lift) * away + np.sin(lift) * axis for lift in np.radians(LINK_LIFTS_DEG)]
+
+
+def clearest(groups: Iterable[Sequence[Link]], ride: Ride | PassRide, screen: Screen, collider: Collider) -> Link:
     """The first link on which nothing is hit, or the one with the fewest hits: verification then names them.
 
     The screen counts hits at points and poses; a link without any is then held against whole triangles, all the way.
     """
     best, fewest = None, np.inf
-    for link in links:
-        pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
-        tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
-        hits = int(np.sum(~screen.free(*_in_cad(ride, tips, axes), ride.tool)))
-        if hits == 0:
-            hits = int(not collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear)
-        if hits < fewest:
-            best, fewest = link, hits
-        if hits == 0:
-            break
+    for links in groups:
+        poses = [_along(link) for link in links]
+        tips, axes = (np.concatenate(part) for part in zip(*poses, strict=True))
+        hit = ~screen.free(*_in_cad(ride, tips, axes), ride.tool)
+        borders = np.cumsum([len(tip) for tip, _ in poses])[:-1]
+        for link, own in zip(links, np.split(hit, borders), strict=True):
+            hits = int(np.sum(own))
+            if hits == 0:
+                hits = int(not collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear)
+            if hits == 0:
+                return link
+            if hits < fewest:
+                best, fewest = link, hits
     assert best is not None
     return best
 
@@ -179,16 +189,24 @@ def _in_blocks(link: Link) -> Link:
 
 def is_free(link: Link, ride: Ride | PassRide, screen: Screen, collider: Collider) -> bool:
     """Whether nothing is hit on a link between two cuts, and the cutter stays off everything on all of it."""
-    pieces = [_poses_between(link, index) for index in range(len(link.tip) - 1)]
-    tips, axes = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    poses = _in_cad(ride, tips, axes)
-    if not screen.free(*poses, ride.tool).all():
+    p, d = _in_cad(ride, *_along(link))
+    if not screen.free(p, d, ride.tool).all():
         return False
-    # The first two components are what cuts: ball and cone.
-    off = collider.poses(*poses, ride.tool).clearance[:, :2].min(axis=1)
-    if off.min() < KEPT * min(off[0], off[-1]):
+    kept = KEPT * float(_off(collider, p[[0, -1]], d[[0, -1]], ride.tool, np.inf).min())
+    if float(_off(collider, p, d, ride.tool, kept).min()) < kept:
         return False
     return collider.path(*_in_cad(ride, link.tip, link.axis), ride.tool).clear
+
+
+def _off(collider: Collider, p: Array, d: Array, tool: Tool, most: float) -> Array:
+    """How far the cutter is off everything at poses (N, 3), mm, where that is less than `most`; else it may be inf."""
+    if not collider.bodies:
+        return np.full(len(p), np.inf)
+    # What is looked for is slack: so much more than the least that a body allows.
+    least = min(body.margins.cutter for body in collider.bodies)
+    found = collider.poses(p, d, tool, min(most - least, REACH))
+    # The first two components are what cuts: ball and cone.
+    return np.asarray(found.clearance[:, :2].min(axis=1))
 
 
 def _in_cad(ride: Ride | PassRide, tip: Array, axis: Array) -> tuple[Array, Array]:
@@ -197,18 +215,15 @@ def _in_cad(ride: Ride | PassRide, tip: Array, axis: Array) -> tuple[Array, Arra
     return p, axis @ ride.frame.rotation
 
 
-def _poses_between(link: Link, index: int) -> tuple[Array, Array]:
-    """Poses of one block of a link, at most `LINK_STEP` mm apart at the tip."""
-    tips = _points_between(link.tip[index], link.tip[index + 1], LINK_STEP)
-    share = np.linspace(0.0, 1.0, len(tips))[:, None]
-    axes = (1.0 - share) * link.axis[index] + share * link.axis[index + 1]
-    return tips, np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
-
-
-def _points_between(start: Array, end: Array, step: float) -> Array:
-    """Points on a straight line, at most `step` mm apart, both ends included, (N, 3)."""
-    count = int(np.ceil(np.linalg.norm(end - start) / step)) + 1
-    return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
+def _along(link: Link) -> tuple[Array, Array]:
+    """Poses of a link, at most `LINK_STEP` mm apart at the tip, those at both ends of every block among them."""
+    way = np.diff(link.tip, axis=0)
+    steps = np.maximum(np.ceil(np.linalg.norm(way, axis=1) / LINK_STEP).astype(np.int64), 1)
+    block = np.repeat(np.arange(len(way)), steps + 1)
+    number = np.arange(len(block)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    share = (number / steps[block])[:, None]
+    axes = (1.0 - share) * link.axis[block] + share * link.axis[block + 1]
+    return link.tip[block] + share * way[block], np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:

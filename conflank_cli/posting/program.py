@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from typing import Literal
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from conflank_cli.ball_pass import Pass
 from conflank_cli.copies import Cut, over_copies
+from conflank_cli.cores import beside
 from conflank_cli.errors import InputError
 from conflank_cli.formats import post_of, program_options
 from conflank_cli.geometry.collision import Collider
@@ -43,9 +45,9 @@ from postprocessors.kinematics.timing import unwound
 from postprocessors.kinematics.two_rotary import (
     SWING_LIMIT,
     Run,
+    WindingError,
     choose_words,
     forward,
-    runs_through,
     swing,
     within_range,
 )
@@ -186,7 +188,7 @@ def _with_links(
 ) -> list[tuple[Stretch, ...]]:
     """Approach, cut and retract of each piece, after the link to it where there is one, with all feeds."""
     labels = [piece.label for piece in pieces]
-    ways = [_ways(piece, plane, screen, collider, machine) for piece in pieces]
+    ways = beside([partial(_ways, piece, plane, screen, collider, machine) for piece in pieces])
     rides = [piece.ride for piece in pieces]
     links: list[Link | None] = [None] * len(pieces)
     # A program for each sweep begins and ends with a full retract.
@@ -257,21 +259,23 @@ def _links_between(
     machine: Machine,
 ) -> list[Link | None]:
     """The link into each piece from the one before, where one is free and the rotary axes run through it."""
-    links: list[Link | None] = [None] * len(pieces)
-    for index in range(1, len(pieces)):
+
+    def into(index: int) -> Link | None:
         old, new = pieces[index - 1], pieces[index]
         # Legs of one cut part because an axis has to unwind; copies lie in frames of their own.
         if old.cut == new.cut or old.ride.tool != new.ride.tool or _other_copy(old, new):
-            continue
-        (_, out), (into, _) = ways[index - 1], ways[index]
-        for link in near_links(out, into, plane.clearance):
+            return None
+        (_, out), (way_in, _) = ways[index - 1], ways[index]
+        for link in near_links(out, way_in, plane.clearance):
             left = np.vstack([planned_axes(old.ride), _after(out, True).axis])
-            run = Run(new.label, np.vstack([left, _before(into, link).axis, planned_axes(new.ride)]))
+            run = Run(new.label, np.vstack([left, _before(way_in, link).axis, planned_axes(new.ride)]))
             # What a control makes of it lies between a turn on great circles and one of even rotary axes.
             other = _by_rotary_axes(machine, run, link, len(left))
             if other is not None and all(is_free(way, new.ride, screen, collider) for way in (link, other)):
-                links[index] = link
-                break
+                return link
+        return None
+
+    links = [None, *beside([partial(into, index) for index in range(1, len(pieces))])]
     # Each pair can be run through; of more than two in a row an axis may reach the end of its range.
     start = 0
     while start < len(pieces):
@@ -299,7 +303,7 @@ def _run_together(machine: Machine, runs: Sequence[Array]) -> int:
     good, bad = 1, len(runs) + 1
     while bad - good > 1:
         middle = len(runs) if bad > len(runs) else (good + bad) // 2
-        if _can_run(machine, Run("cuts with their links", np.vstack(runs[:middle]))):
+        if _words(machine, Run("cuts with their links", np.vstack(runs[:middle]))) is not None:
             good = middle
         else:
             bad = middle
@@ -312,9 +316,10 @@ def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link 
     The link begins at pose `first` of the run, which holds the cuts on both sides. None where the rotary axes cannot
     run through, or would whip around on the link.
     """
-    if not _can_run(machine, run):
+    words = _words(machine, run)
+    if words is None:
         return None
-    words = choose_words(machine, [run])[0][first : first + len(link.tip)]
+    words = words[first : first + len(link.tip)]
     if _whips(machine, link.axis, words):
         return None
     number = np.arange(len(link.tip), dtype=np.float64)
@@ -325,9 +330,14 @@ def _by_rotary_axes(machine: Machine, run: Run, link: Link, first: int) -> Link 
     return Link(tip, forward(machine, words))
 
 
-def _can_run(machine: Machine, run: Run) -> bool:
-    """Whether the machine can take every pose of a way and run through them."""
-    return bool(within_range(machine, run.axis).all()) and runs_through(machine, run)
+def _words(machine: Machine, run: Run) -> Array | None:
+    """Rotary words (N, 2) of a way; None where the machine cannot take every pose of it, or not run through them."""
+    if not within_range(machine, run.axis).all():
+        return None
+    try:
+        return choose_words(machine, [run])[0]
+    except WindingError:
+        return None
 
 
 def _whips(machine: Machine, axis: Array, words: Array) -> bool:
@@ -337,22 +347,24 @@ def _whips(machine: Machine, axis: Array, words: Array) -> bool:
 
 def _rushes(machine: Machine, run: Run, parts: Sequence[slice]) -> bool:
     """Whether the machine cannot follow a run evenly: run through all of it, and through these parts without a rush."""
-    if not _can_run(machine, run):
-        return True
-    words = choose_words(machine, [run])[0]
-    return any(_whips(machine, run.axis[part], words[part]) for part in parts)
+    words = _words(machine, run)
+    return words is None or any(_whips(machine, run.axis[part], words[part]) for part in parts)
 
 
 def _ways(piece: _Piece, plane: SafePlane, screen: Screen, collider: Collider, machine: Machine) -> tuple[Link, Link]:
     """The ways to the first pose of a piece, and from its last (read backwards)."""
     ride, sides = piece.ride, ((False, piece.away_in), (True, piece.away_out))
-    inward, outward = (clearest(plane.links(ride, after, away), ride, screen, collider) for after, away in sides)
+
+    def both(links: Callable[[Ride | PassRide, bool, Array], Iterator[Sequence[Link]]]) -> list[Link]:
+        return beside([partial(clearest, links(ride, *side), ride, screen, collider) for side in sides])
+
+    inward, outward = both(plane.links)
     run = Run(piece.label, np.vstack([inward.axis, planned_axes(ride), outward.axis[::-1]]))
     ends = slice(0, len(inward.axis)), slice(len(run.axis) - len(outward.axis), len(run.axis))
     if _rushes(machine, run, ends):
         # On an arc the axis swings on past its ends, which a rotary axis at the end of its range cannot, and near the
         # pose of the first rotary axis only in a rush. A straight way has the axis of the cut's end.
-        inward, outward = (clearest(plane.straight(ride, after, away), ride, screen, collider) for after, away in sides)
+        inward, outward = both(plane.straight)
     return inward, outward
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import atan2, cos, hypot, sin
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import atan2, cos, hypot, sin, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -11,15 +12,27 @@ import numpy.typing as npt
 from conflank_cli.cores import spread
 from conflank_cli.geometry.kernels.verified_gap import least_distance
 from conflank_cli.tool import Section, Tool
-from conflank_cli.verification.poses import GROUP, Cells, cell_ways, group_cells, unbroken, with_slack
+from conflank_cli.verification.poses import GROUP, Cells, cell_ways, group_cells, unbroken
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 # Points that are held against a motion together before each is by itself; and blocks that are worth a thread.
 BLOCK, WORTH_A_THREAD = 32, 8
-# Points are sorted by which of so many cubes along each axis they are in; a power of two.
-CUBES = 1024
+# A parabola through three values at even times goes beyond the largest of them by a quarter at most.
+_OF_THREE = 1.25
+# What a distance may be off by the kernel's own tolerance and by floating-point noise, mm.
+_ROUNDING = 1e-6
+# Points are sorted by which of so many cubes along each axis they are in; the numbers of three axes make one.
+CUBES = 2**20
+# Shifts and masks that move the digits of a number apart, to every third place.
+_APART = (
+    (32, 0x1F00000000FFFF),
+    (16, 0x1F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +126,27 @@ class Nearest:
 
 
 @dataclass(frozen=True, slots=True)
+class Below:
+    """Those K of N points that a body comes near to.
+
+    Attributes
+    ----------
+    chosen: (K,) which they are, ascending.
+    distance: (K,) mm.
+    move, share: (K,) the move in which it occurs, and at which share of it.
+    """
+
+    chosen: Integers
+    distance: Array
+    move: Integers
+    share: Array
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> Below:
+        """Those of them (K,) that are kept."""
+        return Below(self.chosen[kept], self.distance[kept], self.move[kept], self.share[kept])
+
+
+@dataclass(frozen=True, slots=True)
 class BodyMotion:
     """A continuous motion as a body feels it, made ready for the kernel.
 
@@ -120,47 +154,46 @@ class BodyMotion:
     ----------
     body: the body.
     cells: the motion, every unbroken run filled up to whole wide groups.
-    table: the same with the slack of the body.
     ways, joined, groups: what the kernel asks of cells and of groups of them.
     """
 
     body: Body
     cells: Cells
-    table: Array
     ways: Array
     joined: npt.NDArray[np.bool_]
-    groups: tuple[Array, Array, Array, Array]
+    groups: tuple[Array, Array, Array, Array, Array]
 
     @classmethod
     def of(cls, cells: Cells, body: Body) -> BodyMotion:
         """Prepare a motion, of at least one cell."""
         cells = unbroken(cells)
-        table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
         size = body.low, body.high, body.radius
-        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size))
+        return cls(body, cells, *cell_ways(cells.cells, *size), group_cells(cells.cells, *size))
 
-    def nearest(self, points: Array, start: Array | float = np.inf) -> Nearest:
-        """As `nearest`."""
+    def below(self, points: Array, start: Array) -> Below:
+        """The points (N, 3) that the body comes nearer to than `start` (N,), exactly, and where.
+
+        It is quick where points next to each other in the array are close together: see `spatial_order`.
+        """
         count = len(points)
-        order = spatial_order(points)
-        ordered = np.ascontiguousarray(points[order])
-        begin = np.full(count, start, dtype=np.float64)[order]
+        points, start = np.ascontiguousarray(points), np.ascontiguousarray(start)
         distance, where, tau = np.empty(count), np.empty(count, np.int64), np.empty(count)
 
         def run(blocks: slice) -> None:
             part = slice(blocks.start * BLOCK, blocks.stop * BLOCK)
             least_distance(
-                ordered[part], begin[part], BLOCK, self.table, self.ways, self.joined, *self.groups, GROUP,
+                points[part], start[part], BLOCK, self.cells.cells, self.ways, self.joined, *self.groups, GROUP,
                 self.body.numbers, distance[part], where[part], tau[part],
             )  # fmt: skip
 
         spread(run, -(-count // BLOCK), WORTH_A_THREAD)
-        found = where >= 0
-        result = Nearest(np.empty(count), np.empty(count, np.int64), np.empty(count))
-        result.distance[order] = distance
-        result.move[order] = np.where(found, self.cells.move[where], -1)
-        result.share[order] = np.where(found, self.cells.begin[where] + tau * self.cells.width[where], 0.0)
-        return result
+        chosen = np.flatnonzero(where >= 0)
+        cell, at = where[chosen], tau[chosen]
+        # Where a move begins the one before ends: that one is said to be it.
+        back = (at == 0.0) & (cell > 0) & self.joined[cell - 1]
+        cell, at = np.where(back, cell - 1, cell), np.where(back, 1.0, at)
+        share = self.cells.begin[cell] + at * self.cells.width[cell]
+        return Below(chosen, distance[chosen], self.cells.move[cell], share)
 
 
 def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.inf) -> Nearest:
@@ -180,7 +213,49 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     count = len(points)
     if len(cells.cells) == 0 or count == 0:
         return Nearest(np.full(count, start, dtype=np.float64), np.full(count, -1, dtype=np.int64), np.zeros(count))
-    return BodyMotion.of(cells, body).nearest(np.asarray(points, dtype=np.float64), start)
+    points = np.asarray(points, dtype=np.float64)
+    result = Nearest(np.full(count, start, dtype=np.float64), np.full(count, -1, dtype=np.int64), np.zeros(count))
+    order = spatial_order(points)
+    found = BodyMotion.of(cells, body).below(points[order], result.distance[order])
+    chosen = order[found.chosen]
+    result.distance[chosen], result.move[chosen], result.share[chosen] = found.distance, found.move, found.share
+    return result
+
+
+def below_either(points: Array, ways: Sequence[Cells], body: Body, start: Array) -> list[Below]:
+    """As `BodyMotion.below`, for each of the motions that a program may mean, whose cells have the same tips.
+
+    The axis of a body in the second is turned by little against that in the first. A point y from the tip is, for a
+    turn by at most w, nearer or further by at most w |y|: so the first tells which points matter to the second at all,
+    and what is to be beaten there.
+    """
+    motions = [BodyMotion.of(cells, body) for cells in ways]
+    if len(motions) < 2:
+        return [motion.below(points, start) for motion in motions]
+    # Not nothing: that times no limit would be no number.
+    turn = max(np.finfo(np.float64).tiny, *(_turn_between(ways[0], other) for other in ways[1:]))
+    reach = hypot(max(abs(body.low), abs(body.high)), body.radius)
+
+    def with_turn(distance: Array) -> Array:
+        return np.asarray(distance + turn * (reach + np.maximum(distance, 0.0)) + _ROUNDING)
+
+    first = motions[0].below(points, with_turn(start))
+    near, limit = points[first.chosen], start[first.chosen]
+    begin = np.minimum(limit, with_turn(first.distance))
+    result = [first.only(first.distance < limit)]
+    for motion in motions[1:]:
+        own = motion.below(near, begin)
+        result.append(replace(own, chosen=first.chosen[own.chosen]))
+    return result
+
+
+def _turn_between(one: Cells, other: Cells) -> float:
+    """The most that the axes of two motions with the same tips, cell by cell, are apart, as the length of a vector."""
+    differ = one.cells - other.cells
+    begin, end = differ[:, 6:9], differ[:, 6:9] + differ[:, 9:12]
+    middle = 0.5 * (begin + end) + differ[:, 12:15]
+    most = max(float(np.einsum("ij,ij->i", at, at).max(initial=0.0)) for at in (begin, middle, end))
+    return _OF_THREE * sqrt(most)
 
 
 def spatial_order(points: Array) -> Integers:
@@ -188,14 +263,12 @@ def spatial_order(points: Array) -> Integers:
 
     Source: Morton (1966): by the digits of their coordinates' cubes, taken in turn.
     """
-    low = points.min(axis=0)
-    size = float((points.max(axis=0) - low).max())
-    cube = ((points - low) * ((CUBES - 1) / max(size, 1e-300))).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for digit in range(CUBES.bit_length() - 1):
-        for axis in range(3):
-            code |= ((cube[:, axis] >> digit) & 1) << (3 * digit + axis)
-    return np.argsort(code, kind="stable")
+    low = points.min(axis=0, initial=np.inf)
+    size = float((points.max(axis=0, initial=-np.inf) - low).max()) if len(points) else 0.0
+    digits = ((points - low) * ((CUBES - 1) / max(size, 1e-300))).astype(np.int64)
+    for shift, mask in _APART:
+        digits = (digits | digits << shift) & mask
+    return np.argsort(digits[:, 0] | digits[:, 1] << 1 | digits[:, 2] << 2, kind="stable")
 
 
 def distance_to_cutter(tool: Tool, points: Array, tip: Array, axis: Array) -> Array:

@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline, NdBSpline
 
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.verification.gap import spatial_order
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -200,20 +201,24 @@ class MeshSample:
     @classmethod
     def of(cls, points: Array, sag: Array, face: Integers, pieces: Integers, piece_sag: Array) -> MeshSample:
         """Measure the sides."""
-        corners = points[pieces]
-        along = corners - corners[:, [1, 2, 0]]
-        return cls(points, sag, face, pieces, piece_sag, np.sqrt(np.einsum("ksx,ksx->ks", along, along)))
+        return cls(points, sag, face, pieces, piece_sag, _side_lengths(points, pieces))
 
     @classmethod
     def of_points(cls, points: Array, face: Integers) -> MeshSample:
-        """Points (N, 3) on faces (N,) themselves."""
-        nothing = np.zeros((0, 3), dtype=np.int64)
-        return cls(points, np.zeros(len(points)), face, nothing, np.zeros(0), np.zeros((0, 3)))
+        """Points (N, 3) on faces (N,) themselves, in an order of their own."""
+        nothing, order = np.zeros((0, 3), dtype=np.int64), spatial_order(points)
+        return cls(points[order], np.zeros(len(points)), face[order], nothing, np.zeros(0), np.zeros((0, 3)))
+
+    @property
+    def longest(self) -> Array:
+        """Length of the longest side of each piece, (K,) mm."""
+        return largest(self.sides)
 
     def halved(self, chosen: npt.NDArray[np.bool_]) -> MeshSample:
         """The chosen pieces, halved across their longest sides; the points are these and then those in the middles."""
         pieces = self.pieces[chosen]
-        rows, side = np.arange(len(pieces)), self.sides[chosen].argmax(axis=1)
+        rows, (first, second, third) = np.arange(len(pieces)), self.sides[chosen].T
+        side = np.where((first >= second) & (first >= third), 0, np.where(second >= third, 1, 2))
         a, b, c = (pieces[rows, (side + k) % 3] for k in range(3))
         middle = len(self.points) + rows
         return MeshSample.of(
@@ -232,7 +237,8 @@ def _sags(mesh: CheckMesh) -> Array:
     """
     vertices, triangles = mesh.vertices, mesh.triangles.astype(np.int64)
     corners = _welded(vertices)[triangles]
-    sides = [vertices[triangles[:, (k + 1) % 3]] - vertices[triangles[:, k]] for k in range(3)]
+    at = [vertices[triangles[:, k]] for k in range(3)]
+    sides = [at[(k + 1) % 3] - at[k] for k in range(3)]
     normals = np.cross(sides[0], sides[1])
     double_area = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(double_area, 1e-300)[:, None]
@@ -273,27 +279,70 @@ def _pair(one: Integers, other: Integers, count: int) -> Integers:
     return np.asarray(np.minimum(one, other) * count + np.maximum(one, other))
 
 
-def sample_mesh(mesh: CheckMesh, low: Array, high: Array) -> MeshSample:
-    """The triangles of a mesh that reach into a box as pieces, and their corners as points.
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """A mesh made ready to be held against whatever program, V points and M triangles.
 
-    Parameters
+    Attributes
     ----------
-    mesh: the mesh.
-    low, high: corners of the box, (3,) mm.
+    points: (V, 3) mm, the corners, each as often as there are faces that it belongs to; those next to each other in
+        the array are close together.
+    face: (V,) CAD face number, below 0 for meshes from elsewhere.
+    triangles: (M, 3) their corners.
+    sag: (M,) how far the curved face behind each may lie off it, mm.
+    sides: (M, 3) lengths of their sides, mm.
     """
-    every = mesh.triangles.astype(np.int64)
-    if not len(every):
-        return MeshSample.of_points(np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
-    near = np.ones(len(every), dtype=np.bool_)
-    for x in range(3):
-        of_corner = mesh.vertices[:, x][every]
-        near &= (of_corner.min(axis=1) <= high[x]) & (of_corner.max(axis=1) >= low[x])
-    triangles, face = every[near], mesh.face[near].astype(np.int64)
-    # Triangles of a face share their corners; a corner that belongs to several faces is a point of each.
-    _, rank = np.unique(face, return_inverse=True)
-    own = triangles * (int(rank.max(initial=0)) + 1) + rank[:, None]
-    _, first, number = np.unique(own, return_index=True, return_inverse=True)
-    points = mesh.vertices[triangles.reshape(-1)[first]]
-    return MeshSample.of(
-        points, np.zeros(len(points)), np.repeat(face, 3)[first], number.reshape(-1, 3), _sags(mesh)[near]
-    )
+
+    points: Array
+    face: Integers
+    triangles: Integers
+    sag: Array
+    sides: Array
+
+    @classmethod
+    def of(cls, mesh: CheckMesh) -> Surroundings:
+        """Of a mesh."""
+        triangles, of_corner = mesh.triangles.astype(np.int64), np.repeat(mesh.face.astype(np.int64), 3).reshape(-1, 3)
+        # Triangles of a face share their corners; a corner that belongs to several faces is a point of each.
+        face = np.zeros(len(mesh.vertices), dtype=np.int64)
+        face[triangles] = of_corner
+        shared = face[triangles] != of_corner
+        pairs = np.stack([of_corner[shared], triangles[shared]])
+        (more, vertex), number = np.unique(pairs, axis=1, return_inverse=True)
+        triangles[shared] = len(mesh.vertices) + number
+        points, face = np.concatenate([mesh.vertices, mesh.vertices[vertex]]), np.concatenate([face, more])
+        order = spatial_order(points)
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        points, triangles = points[order], place[triangles]
+        return cls(points, face[order], triangles, _sags(mesh), _side_lengths(points, triangles))
+
+    def near(self, low: Array, high: Array) -> MeshSample:
+        """The triangles that reach into a box as pieces, and their corners as points. low, high: its corners, mm."""
+        near = np.ones(len(self.triangles), dtype=np.bool_)
+        for x in range(3):
+            for inside in (self.points[:, x] <= high[x], self.points[:, x] >= low[x]):
+                near &= inside[self.triangles[:, 0]] | inside[self.triangles[:, 1]] | inside[self.triangles[:, 2]]
+        triangles = self.triangles[near]
+        used = np.zeros(len(self.points), dtype=np.bool_)
+        used[triangles] = True
+        number = np.cumsum(used) - 1
+        points = self.points[used]
+        return MeshSample(
+            points, np.zeros(len(points)), self.face[used], number[triangles], self.sag[near], self.sides[near]
+        )
+
+
+def _side_lengths(points: Array, pieces: Integers) -> Array:
+    """Lengths (K, 3) of the sides of pieces (K, 3), from each corner to the next."""
+    corners = [points[pieces[:, k]] for k in range(3)]
+    sides = np.empty(pieces.shape)
+    for k in range(3):
+        along = corners[k] - corners[(k + 1) % 3]
+        sides[:, k] = np.sqrt(np.einsum("kx,kx->k", along, along))
+    return sides
+
+
+def largest(table: Array) -> Array:
+    """The largest number of each row of a table (K, 3)."""
+    return np.asarray(np.maximum(np.maximum(table[:, 0], table[:, 1]), table[:, 2]))

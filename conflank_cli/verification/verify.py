@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from math import radians
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cores import beside, threads
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.gap import (
+    Below,
     Body,
     BodyMotion,
     ball_body,
+    below_either,
     cone_body,
     cutting_body,
-    nearest,
     section_bodies,
+    spatial_order,
 )
 from conflank_cli.verification.kinematics import Frame, from_cad
 from conflank_cli.verification.poses import Cells, Poses, axis_between, build_cells, join_cells, poses_on_part
@@ -44,8 +48,9 @@ from conflank_cli.verification.sampling import (
     POINTS_PER_FACE,
     FaceSample,
     MeshSample,
+    Surroundings,
+    largest,
     sample_face,
-    sample_mesh,
 )
 
 Array = npt.NDArray[np.float64]
@@ -104,6 +109,27 @@ class PosedProgram:
     poses: Poses
     by_copy: tuple[Poses, ...]
     findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where a scene is judged, whatever the program.
+
+    Attributes
+    ----------
+    samples: points on each design face.
+    around: what stands around the faces.
+    """
+
+    samples: tuple[FaceSample, ...]
+    around: Surroundings
+
+    @classmethod
+    @lru_cache(maxsize=1)
+    def of(cls, scene: Scene, points_per_face: int) -> Places:
+        """Those of a scene; kept for whoever asks next."""
+        samples = tuple(sample_face(face, points_per_face) for face in scene.faces)
+        return cls(samples, Surroundings.of(scene.check))
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,31 +274,37 @@ def _swept_gap(points: Array, stretches: list[_Stretch], kinds: list[str]) -> _S
     shares = np.zeros((modes, count))
     by_cut = np.full((modes, len(kinds), count), np.inf)
     move_by_cut = np.full((len(kinds), count), -1, dtype=np.int64)
-    bodies = [cutting_body(stretch.tool) for stretch in stretches]
+    order = spatial_order(points)
+    ordered = np.ascontiguousarray(points[order])
+    within = np.full(count, REACH)
+    found = [below_either(ordered, stretch.cells, cutting_body(stretch.tool), within) for stretch in stretches]
     together = _together(stretches)
     for mode in range(modes):
-        for stretch, body in zip(stretches, bodies, strict=True):
-            cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
-            found = nearest(points, cells, body, REACH)
-            hit = found.move >= 0
-            value = np.where(hit, found.distance, np.inf)
+
+        def of_mode(each: list[Below], mode: int = mode) -> Below:
+            return each[min(mode, len(each) - 1)]
+
+        for stretch, either in zip(stretches, found, strict=True):
+            own = of_mode(either)
+            hit = order[own.chosen]
             if stretch.cut >= 0:
-                own = value < by_cut[mode, stretch.cut]
-                by_cut[mode, stretch.cut, own] = value[own]
-                move_by_cut[stretch.cut, own] = found.move[own]
+                nearer = own.distance < by_cut[mode, stretch.cut, hit]
+                by_cut[mode, stretch.cut, hit[nearer]] = own.distance[nearer]
+                move_by_cut[stretch.cut, hit[nearer]] = own.move[nearer]
             if stretch.cut < 0 or kinds[stretch.cut] == "sweep":
-                flanks[mode] = np.minimum(flanks[mode], value)
-            nearer = value < gaps[mode]
-            gaps[mode, nearer] = value[nearer]
-            moves[mode, nearer], shares[mode, nearer] = found.move[nearer], found.share[nearer]
+                flanks[mode, hit] = np.minimum(flanks[mode, hit], own.distance)
+            nearer = own.distance < gaps[mode, hit]
+            hit = hit[nearer]
+            gaps[mode, hit], moves[mode, hit], shares[mode, hit] = (
+                own.distance[nearer], own.move[nearer], own.share[nearer],
+            )  # fmt: skip
         # Beyond the reach of every cut the gap is still a figure of its own: how much stock stands there.
-        far = np.flatnonzero(~np.isfinite(gaps[mode]))
-        for stretch in together:
+        far = order[~np.isfinite(gaps[mode, order])]
+        for stretch in together if len(far) else ():
             cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
-            found = nearest(points[far], cells, cutting_body(stretch.tool), gaps[mode, far])
-            nearer = found.move >= 0
-            gaps[mode, far[nearer]] = found.distance[nearer]
-            moves[mode, far[nearer]], shares[mode, far[nearer]] = found.move[nearer], found.share[nearer]
+            own = BodyMotion.of(cells, cutting_body(stretch.tool)).below(points[far], gaps[mode, far])
+            hit = far[own.chosen]
+            gaps[mode, hit], moves[mode, hit], shares[mode, hit] = own.distance, own.move, own.share
 
     def worse(values: Array) -> Array:
         return np.asarray(np.take_along_axis(values, np.abs(values).argmax(axis=0)[None], axis=0)[0])
@@ -402,24 +434,25 @@ def _clearance(
         """Fill in the distances of the chosen points, sag counted, where they are below the mark."""
         for motion in motions if len(chosen) else ():
             sag = sign * sample.sag[chosen]
-            found = motion.nearest(sample.points[chosen], np.minimum(mark, values[chosen]) - sag)
-            hit = found.move >= 0
-            where = chosen[hit]
-            values[where] = found.distance[hit] + sag[hit]
-            moves[where], shares[where] = found.move[hit], found.share[hit]
+            found = motion.below(sample.points[chosen], np.minimum(mark, values[chosen]) - sag)
+            where = chosen[found.chosen]
+            values[where] = found.distance + sag[found.chosen]
+            moves[where], shares[where] = found.move, found.share
 
     everything = np.arange(len(limits))
     # A few points first set the mark that the rest has to beat.
     measure(everything[::_FEW], np.full(len(everything[::_FEW]), np.inf))
     reach = np.maximum(limits, values.min(initial=np.inf))
     # Between its corners a piece may come nearer. Where that could matter it is halved, and its middles are measured.
-    blind = _COVER * sample.sides.max(axis=1, initial=0.0) + 2.0 * sample.piece_sag
-    np.maximum.at(reach, sample.pieces, (reach[sample.pieces].max(axis=1) + blind)[:, None])
+    # The corners of a piece are of one face, and have the same limit.
+    blind = np.zeros(len(limits))
+    np.maximum.at(blind, sample.pieces, (_COVER * sample.longest + 2.0 * sample.piece_sag)[:, None])
+    reach += blind
     measure(everything, reach)
     while len(sample.pieces) and len(motions):
-        long = sample.sides.max(axis=1)
-        mark = np.maximum(limits[sample.pieces].max(axis=1), values.min())
-        bound = values[sample.pieces].min(axis=1) - _COVER * long - 2.0 * sample.piece_sag
+        long = sample.longest
+        mark = np.maximum(limits[sample.pieces[:, 0]], values.min())
+        bound = -largest(-values[sample.pieces]) - _COVER * long - 2.0 * sample.piece_sag
         chosen = (long > FINEST) & (bound < mark)
         if not chosen.any():
             break
@@ -429,7 +462,8 @@ def _clearance(
         values = np.concatenate([values, np.full(len(limit), np.inf)])
         moves = np.concatenate([moves, np.full(len(limit), -1, dtype=np.int64)])
         shares = np.concatenate([shares, np.zeros(len(limit))])
-        measure(np.arange(old, len(limits)), reach + 2.0 * sample.piece_sag[: len(limit)])
+        order = spatial_order(sample.points[old:])
+        measure(old + order, (reach + 2.0 * sample.piece_sag[: len(limit)])[order])
     least, least_at = np.inf, (-1, -1, 0.0)
     worst, worst_at, count = 0.0, (-1, -1, 0.0), 0
     hit = np.flatnonzero(moves >= 0)
@@ -501,12 +535,12 @@ def _thinned(sample: FaceSample) -> npt.NDArray[np.bool_]:
 
 
 def _clearances(
-    scene: Scene, poses: Poses, stretches: list[_Stretch], samples: list[FaceSample]
+    scene: Scene, poses: Poses, stretches: list[_Stretch], places: Places
 ) -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
     """Clearance of every component, its findings, and the deepest overcut into the faces next to the design faces."""
     margin, overcut = scene.job.obstacles.margin, scene.job.tolerance.overcut
     low, high = _reach_box(poses, [stretch.tool for stretch in stretches])
-    mesh = sample_mesh(scene.check, low, high)
+    mesh, samples = places.around.near(low, high), places.samples
     numbers = np.concatenate(
         [np.full(len(sample.points), face.number) for face, sample in zip(scene.faces, samples, strict=True)]
     ).astype(np.int64)
@@ -515,37 +549,37 @@ def _clearances(
     design = MeshSample.of_points(np.concatenate([sample.points for sample in samples])[spread], numbers)
     stretches = _together(stretches)
     foreign = mesh.face < 0
-    findings: list[Finding] = []
-    result: dict[str, ClearanceFigures] = {}
-    for name, code, kept in (
-        ("ball", "CF301", margin.cutter),
-        ("cone", "CF302", margin.cutter),
-        ("shank", "CF303", margin.shank),
-        ("holder", "CF304", margin.holder),
-    ):
+
+    def around(name: str, code: str, kept: float) -> tuple[ClearanceFigures, list[Finding]]:
         cutter = name in ("ball", "cone")
-        part = -overcut if cutter else kept
-        figures, found = _clearance(
-            stretches, poses, mesh, np.where(foreign, kept, part), name, code, "is the least allowed"
-        )
-        both = [figures]
-        findings += [
+        limits = np.where(foreign, kept, -overcut if cutter else kept)
+        figures, found = _clearance(stretches, poses, mesh, limits, name, code, "is the least allowed")
+        return figures, [
             msgspec.structs.replace(item, code="CF203")
             if cutter and item.limit is not None and item.limit < 0.0
             else item
             for item in found
         ]
-        if not cutter:
-            # Right above the cone a shank of the same radius runs out of the cut tangentially: it may graze what the
-            # cone has just finished, but not cut it. The holder keeps its margin from everything.
-            limit = -overcut if name == "shank" else kept
-            figures, found = _clearance(
-                stretches, poses, design, np.full(len(numbers), limit), name, code, "is the least allowed"
-            )
-            both.append(figures)
-            findings += found
-        result[name] = _sagged(both)
-    beside: tuple[float, Place] | None = None
+
+    def faces(name: str, code: str, limit: float) -> tuple[ClearanceFigures, list[Finding]]:
+        return _clearance(stretches, poses, design, np.full(len(numbers), limit), name, code, "is the least allowed")
+
+    # Right above the cone a shank of the same radius runs out of the cut tangentially: it may graze what the cone has
+    # just finished, but not cut it. The holder keeps its margin from everything. The longest task comes first.
+    cone, ball, shank, shank_face, holder, holder_face = beside(
+        [
+            partial(around, "cone", "CF302", margin.cutter),
+            partial(around, "ball", "CF301", margin.cutter),
+            partial(around, "shank", "CF303", margin.shank),
+            partial(faces, "shank", "CF303", -overcut),
+            partial(around, "holder", "CF304", margin.holder),
+            partial(faces, "holder", "CF304", margin.holder),
+        ]
+    )
+    every = {"ball": [ball], "cone": [cone], "shank": [shank, shank_face], "holder": [holder, holder_face]}
+    findings = [finding for each in every.values() for _, found in each for finding in found]
+    result = {name: _sagged([figures for figures, _ in each]) for name, each in every.items()}
+    next_to: tuple[float, Place] | None = None
     for name in ("ball", "cone"):
         near = result[name]
         if (
@@ -553,10 +587,10 @@ def _clearances(
             and near.at is not None
             and near.least < 0.0
             and near.at.face >= 0
-            and (beside is None or near.least < -beside[0])
+            and (next_to is None or near.least < -next_to[0])
         ):
-            beside = (-near.least, near.at)
-    return Clearances(result["ball"], result["cone"], result["shank"], result["holder"]), findings, beside
+            next_to = (-near.least, near.at)
+    return Clearances(result["ball"], result["cone"], result["shank"], result["holder"]), findings, next_to
 
 
 def _no_clearances() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
@@ -572,7 +606,7 @@ def _control_tolerance(program: Program, tools: list[Tool]) -> float | None:
     return program.tolerance[0] + height * radians(program.tolerance[1])
 
 
-def _step(samples: list[FaceSample], swept: _Swept, covered: npt.NDArray[np.bool_]) -> float | None:
+def _step(samples: Sequence[FaceSample], swept: _Swept, covered: npt.NDArray[np.bool_]) -> float | None:
     """Largest difference of the gap across the border of two patches, mm."""
     if len(swept.by_cut) < 2:
         return None
@@ -676,14 +710,23 @@ def _judge(
     used = [stretch.tool for stretch in stretches]
     if not stretches:
         findings.append(Finding("CF111", "no move with a known pose and a known tool"))
-    samples = [sample_face(face, points_per_face) for face in scene.faces]
+    places = Places.of(scene, points_per_face)
+    samples = places.samples
     surface = np.concatenate([sample.points for sample in samples])
     normals = np.concatenate([sample.normals for sample in samples])
     area = np.concatenate([sample.area for sample in samples])
     face_of = np.repeat(np.arange(len(samples)), [len(sample.points) for sample in samples])
     numbers = [face.number for face in scene.faces]
     kinds = [cut.kind for cut in program.cuts]
-    swept = _swept_gap(surface + tolerance.allowance * normals, stretches, kinds)
+    near = stretches if owned is None else _stretches(poses, tools, owned)
+
+    def clear() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
+        return _clearances(scene, poses, near, places) if stretches and near else _no_clearances()
+
+    with threads() as pool:
+        clearing = pool.submit(clear)
+        swept = _swept_gap(surface + tolerance.allowance * normals, stretches, kinds)
+        clearances, too_near, next_to = clearing.result()
     gap = swept.gap
 
     def covers(values: Array) -> npt.NDArray[np.bool_]:
@@ -696,12 +739,7 @@ def _judge(
     coverage_flank = float(area[covers(swept.flank)].sum()) / total
 
     findings += _worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
-    if stretches:
-        near = stretches if owned is None else _stretches(poses, tools, owned)
-        clearances, found, beside = _clearances(scene, poses, near, samples) if near else _no_clearances()
-        findings += found
-    else:
-        clearances, _, beside = _no_clearances()
+    findings += too_near
     if coverage < scene.job.selection.coverage:
         findings.append(
             Finding(
@@ -718,8 +756,8 @@ def _judge(
 
     deepest, highest = int(gap.argmin()), int(gap.argmax())
     overcut, overcut_at = max(0.0, -float(gap[deepest])), at(deepest) if gap[deepest] < 0.0 else None
-    if beside is not None and beside[0] > overcut:
-        overcut, overcut_at = beside
+    if next_to is not None and next_to[0] > overcut:
+        overcut, overcut_at = next_to
     absolute = np.abs(gap[covered & (area > 0.0)])
     times = move_times(poses)
     sweeps: list[CutFigures] = []

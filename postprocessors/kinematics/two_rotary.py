@@ -70,11 +70,18 @@ def _wrap(angle: Array) -> Array:
     return np.asarray(angle - TURN * np.round(angle / TURN))
 
 
+def _cross(one: Array, other: Array) -> Array:
+    """Cross products (N, 3), of which one may be (3,): `numpy.cross` takes longer to look at its input."""
+    a, b, c = one[..., 0], one[..., 1], one[..., 2]
+    x, y, z = other[..., 0], other[..., 1], other[..., 2]
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+
+
 def _turned(direction: Array, angle: Array, vectors: Array) -> Array:
     """Vectors (N, 3) turned about the unit vector `direction` by `angle` (N,) (Rodrigues)."""
     cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
     along = (vectors @ direction)[:, None] * direction
-    return np.asarray(along + cosine * (vectors - along) + sine * np.cross(direction, vectors))
+    return np.asarray(along + cosine * (vectors - along) + sine * _cross(direction, vectors))
 
 
 def _axis_of(machine: Machine, angles: Array) -> Array:
@@ -113,11 +120,11 @@ def inverse(machine: Machine, axis: Array) -> Solutions:
     for branch, sign in enumerate((1.0, -1.0)):
         second = _wrap(base + sign * half)
         tilted = _turned(b, second, np.broadcast_to(spindle, axis.shape))
-        sine = np.cross(tilted, axis) @ a
+        sine = _cross(tilted, axis) @ a
         cosine = np.einsum("ij,ij->i", tilted, axis) - (tilted @ a) * (axis @ a)
         angles[branch, :, 0] = np.arctan2(sine, cosine)
         angles[branch, :, 1] = second
-        singular[branch] = np.linalg.norm(np.cross(tilted, a), axis=1) < HOLD_SINE
+        singular[branch] = np.linalg.norm(_cross(tilted, a), axis=1) < HOLD_SINE
     return Solutions(angles, singular, reachable)
 
 

@@ -18,7 +18,7 @@ from conflank_cli.job import Setup, Tolerance
 from conflank_cli.tool import Section, Tool
 from conflank_cli.verification.findings import CODES
 from conflank_cli.verification.result import Verification, from_json
-from conflank_cli.verification.sampling import sample_face, sample_mesh
+from conflank_cli.verification.sampling import Surroundings, sample_face
 from conflank_cli.verification.verify import verify_program
 from tests.verification.scenes import (
     T1,
@@ -308,7 +308,7 @@ def test_points_on_a_curved_mesh_know_how_far_off_they_may_be() -> None:
         [(radius * cos(t), y, radius * sin(t)) for t, y in ((a, 0.0), (b, 0.0), (b, 9.0), (a, 9.0))]
         for a, b in pairwise(angles)
     ]
-    sample = sample_mesh(triangles_of(*quads), np.full(3, -99.0), np.full(3, 99.0))
+    sample = Surroundings.of(triangles_of(*quads)).near(np.full(3, -99.0), np.full(3, 99.0))
     while (long := sample.sides.max(axis=1) > 1.0).any():
         sample = sample.halved(long)
     off = radius - np.hypot(sample.points[:, 0], sample.points[:, 2])
