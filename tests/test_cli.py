@@ -864,7 +864,10 @@ def test_a_terminal_that_knows_few_letters(as_json: bool, finished: Path) -> Non
 def test_an_interrupt_is_clean(finished: Path, tmp_path: Path) -> None:
     write_job(tmp_path)
     os.mkfifo(tmp_path / "late.toml")
-    command = [sys.executable, "-c", "from conflank_cli.cli import main; main()", "detect", "late.toml", "-o", "x.npz"]
+    # What a shell runs in the background is started to ignore interrupts.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = f"{heed}; from conflank_cli.cli import main; main()"
+    command = [sys.executable, "-c", program, "detect", "late.toml", "-o", "x.npz"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
         # Opening this end waits until the program has opened the other: from then on it waits for a job.
         late = os.open(tmp_path / "late.toml", os.O_WRONLY)

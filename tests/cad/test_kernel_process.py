@@ -150,7 +150,9 @@ def test_ctrl_c_ends_both_processes(tmp_path):
     """A pipe in the file's place keeps the process waiting for ever; it holds on to standard error while it lives."""
     path = tmp_path / "part.step"
     os.mkfifo(path)
-    command = [sys.executable, "-m", "conflank_cli", "inspect", str(path)]
+    # What a shell runs in the background is started to ignore interrupts.
+    heed = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heed}; from conflank_cli.cli import main; main()", "inspect", str(path)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     with path.open("wb"):
         os.killpg(process.pid, signal.SIGINT)
