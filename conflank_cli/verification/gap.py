@@ -12,7 +12,7 @@ import numpy.typing as npt
 from conflank_cli.cores import spread
 from conflank_cli.geometry.kernels.verified_gap import least_distance
 from conflank_cli.tool import Section, Tool
-from conflank_cli.verification.poses import GROUP, Cells, cell_ways, group_cells, unbroken
+from conflank_cli.verification.poses import GROUP, Cells, cell_ways, group_cells, unbroken, with_slack
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -154,21 +154,24 @@ class BodyMotion:
     ----------
     body: the body.
     cells: the motion, every unbroken run filled up to whole wide groups.
+    table: the same with the slack of the body.
     ways, joined, groups: what the kernel asks of cells and of groups of them.
     """
 
     body: Body
     cells: Cells
+    table: Array
     ways: Array
     joined: npt.NDArray[np.bool_]
-    groups: tuple[Array, Array, Array, Array, Array]
+    groups: tuple[Array, Array, Array, Array]
 
     @classmethod
     def of(cls, cells: Cells, body: Body) -> BodyMotion:
         """Prepare a motion, of at least one cell."""
         cells = unbroken(cells)
+        table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
         size = body.low, body.high, body.radius
-        return cls(body, cells, *cell_ways(cells.cells, *size), group_cells(cells.cells, *size))
+        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size))
 
     def below(self, points: Array, start: Array) -> Below:
         """The points (N, 3) that the body comes nearer to than `start` (N,), exactly, and where.
@@ -182,7 +185,7 @@ class BodyMotion:
         def run(blocks: slice) -> None:
             part = slice(blocks.start * BLOCK, blocks.stop * BLOCK)
             least_distance(
-                points[part], start[part], BLOCK, self.cells.cells, self.ways, self.joined, *self.groups, GROUP,
+                points[part], start[part], BLOCK, self.table, self.ways, self.joined, *self.groups, GROUP,
                 self.body.numbers, distance[part], where[part], tau[part],
             )  # fmt: skip
 

@@ -32,10 +32,6 @@ SAME = 1e-8
 GROUP = 8
 """Cells in a group, and groups in a wide group."""
 
-_WEIGHTS = np.array([1.0, 1.0, 1.0, 10.0, 10.0, 10.0])
-"""What tip and axis count where a place on the way from pose to pose is looked for: as far as the contacts are up, mm.
-Whatever they are, what is said of that place holds."""
-
 
 @dataclass(frozen=True, slots=True)
 class Poses:
@@ -77,7 +73,7 @@ class Cells:
 
     Attributes
     ----------
-    cells: (M, 17), see `conflank_cli.geometry.kernels.verified_gap`.
+    cells: (M, 16), see `conflank_cli.geometry.kernels.verified_gap`.
     move: the move each cell belongs to, (M,).
     begin, width: where the cell begins on its move and how much of it it takes, (M,), as shares of the move.
     """
@@ -122,19 +118,12 @@ def build_cells(poses: Poses, move: Integers, interpolation: Interpolation) -> C
         for share in (begin, end)
     ]
     axes = [axis_between(poses, moves, share, interpolation) for share in (begin, 0.5 * (begin + end), end)]
-    table = np.zeros((len(owner), 17))
+    table = np.zeros((len(owner), 16))
     table[:, 0:3] = tips[0]
     table[:, 3:6] = tips[1] - tips[0]
     table[:, 6:9] = axes[0]
     table[:, 9:12] = axes[2] - axes[0]
     table[:, 12:15] = axes[1] - 0.5 * (axes[0] + axes[2])
-    # In the tool's frame a point y from the tip moves on a curve whose second derivative is at most 2 |step| w + |y|
-    # (w^2 + w'), w the pace at which the axis turns: half of it is what the curve leaves its tangent by. The way from
-    # the tip grows by no more than the step.
-    step, turn, bow = (np.linalg.norm(table[:, k : k + 3], axis=1) for k in (3, 9, 12))
-    pace = turn + 4.0 * bow
-    table[:, 16] = 0.5 * (pace**2 + 8.0 * bow)
-    table[:, 15] = step * pace + step * table[:, 16]
     return Cells(table, moves, begin, end - begin)
 
 
@@ -164,6 +153,19 @@ def unbroken(cells: Cells) -> Cells:
     return Cells(table[order], cells.move[order], cells.begin[order], cells.width[order])
 
 
+def with_slack(cells: Array, reach: float) -> Array:
+    """Fill in the slack for a body that reaches `reach` mm from the tip.
+
+    A point fixed to the part moves along a curve in the tool's frame, whose second derivative by tau is at most
+    2 |step| |turn| + reach (|turn|^2 + 8 |bow|). The distance is convex along the tangents of that curve; half of the
+    second derivative is what it can fall short of that within the cell.
+    """
+    step, turn, bow = (np.linalg.norm(cells[:, k : k + 3], axis=1) for k in (3, 9, 12))
+    filled = cells.copy()
+    filled[:, 15] = (2.0 * step * turn + reach * (turn**2 + 8.0 * bow)) / 2.0
+    return filled
+
+
 def _bound(poses: Array, centres: Array, low: float, high: float, radius: float) -> Array:
     """Most that any point of a body (heights low .. high, radius) moves from each centre pose to each pose, mm."""
     tip = poses[..., :3] - centres[..., :3]
@@ -186,55 +188,25 @@ def cell_ways(cells: Array, low: float, high: float, radius: float) -> tuple[Arr
     return way, joined
 
 
-def group_cells(cells: Array, low: float, high: float, radius: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Poses, reaches and spreads of the groups, and poses and reaches of the wide groups, as the kernel reads them.
+def group_cells(cells: Array, low: float, high: float, radius: float) -> tuple[Array, Array, Array, Array]:
+    """Poses and reaches of the groups and of the wide groups, as the kernel reads them.
 
     Parameters
     ----------
     cells, low, high, radius: as `cell_ways`.
     """
+    count = len(cells)
     bow, starts, ends = _bow(cells, low, high, radius), _starts(cells), _ends(cells)
     result: list[Array] = []
     for size in (GROUP, GROUP * GROUP):
-        first, group = _groups(len(cells), size)
-        centres = starts[_middles(len(cells), size)]
+        group = np.arange(count) // size
+        groups = int(group[-1]) + 1 if count else 0
+        middle = np.minimum(np.arange(groups) * size + size // 2, count - 1)
+        centres = starts[middle]
         # The reach needs each cell's ends and its bow; the body's way between them lies within their convex hull.
         way = bow + np.maximum(*(_bound(pose, centres[group], low, high, radius) for pose in (starts, ends)))
-        result += [np.ascontiguousarray(centres), np.maximum.reduceat(way, first)]
-    return result[0], result[1], group_spreads(cells), result[2], result[3]
-
-
-def group_spreads(cells: Array) -> Array:
-    """How the poses of each group differ from the one in its middle, (G, 15), as the kernel reads it."""
-    count = len(cells)
-    first, group = _groups(count, GROUP)
-    last = np.append(first[1:], count) - 1
-    middles = _starts(cells)[_middles(count, GROUP)]
-    begin, end = _starts(cells)[first] - middles, _ends(cells)[last] - middles
-    chord = (end - begin) * _WEIGHTS
-    length = np.maximum(np.einsum("gi,gi->g", chord, chord), np.finfo(np.float64).tiny)
-    bow = np.linalg.norm(cells[:, 12:15], axis=1)
-    off_tip, off_axis, tip, axis = (np.zeros(count) for _ in range(4))
-    for poses in (_starts(cells), _ends(cells)):
-        differ = poses - middles[group]
-        share = np.einsum("mi,mi->m", (differ - begin[group]) * _WEIGHTS, chord[group]) / length[group]
-        off = differ - begin[group] - np.clip(share, 0.0, 1.0)[:, None] * (end - begin)[group]
-        for most, way in ((off_tip, off[:, :3]), (off_axis, off[:, 3:]), (tip, differ[:, :3]), (axis, differ[:, 3:])):
-            np.maximum(most, np.sqrt(np.einsum("mi,mi->m", way, way)), out=most)
-    off_tip, off_axis, tip, axis = (
-        np.maximum.reduceat(most, first) for most in (off_tip, off_axis + bow, tip, axis + bow)
-    )
-    return np.column_stack([begin, end, off_tip + tip * axis + SAME, off_axis, 0.5 * axis**2])
-
-
-def _groups(count: int, size: int) -> tuple[Integers, Integers]:
-    """The first cell of each group, and the group of each of so many cells."""
-    return np.arange(0, count, size), np.arange(count) // size
-
-
-def _middles(count: int, size: int) -> Integers:
-    """The cell at whose beginning the pose of each group is."""
-    return np.minimum(np.arange(0, count, size) + size // 2, count - 1)
+        result += [np.ascontiguousarray(centres), np.maximum.reduceat(way, np.arange(groups) * size)]
+    return result[0], result[1], result[2], result[3]
 
 
 def _starts(cells: Array) -> Array:

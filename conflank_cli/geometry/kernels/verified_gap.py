@@ -6,16 +6,9 @@ A body is an array of nine numbers; heights are measured along the axis from the
 - kind 1, frustum: (1, low height, low radius, high height, high radius, sin b, cos b, 0, 0), b its half angle;
 - kind 2, ball: (2, radius, centre height, 0, ...).
 
-A cell is a short stretch of motion between two poses: seventeen numbers, tip (3), step of the tip (3), axis (3), turn
-of the axis (3), bow of the axis (3), slack, slack per mm. At tau in [0, 1] the tip is tip + tau step (straight, as the
-control moves it) and the axis is axis + tau turn + 4 tau (1 - tau) bow, the parabola through its beginning, middle and
-end. The distance to a convex body is convex in the place of a point in the tool's frame. There a point moves on a
-curve; the distance can be below its own tangent by what that curve leaves its tangent by, in a cell no more than slack,
-and slack per mm times how far the point is from the tip at the beginning.
-
-A group of cells has a pose in its middle and fifteen numbers on how the tip and the axis differ from that: at the
-beginning (6) and at the end (6), and how far they and all between them are off the straight line from the one to the
-other: the tip, second order included; the axis; and the second order for each mm from the tip.
+A cell is a short stretch of motion between two poses: sixteen numbers, tip (3), step of the tip (3), axis (3), turn of
+the axis (3), bow of the axis (3), slack. At tau in [0, 1] the tip is tip + tau step (straight, as the control moves it)
+and the axis is axis + tau turn + 4 tau (1 - tau) bow, the parabola through its beginning, middle and end.
 """
 
 from __future__ import annotations
@@ -110,33 +103,8 @@ def _at_pose(body, x, y, z, pose):
 
 
 @njit(cache=True)
-def _in_group(body, x, y, z, pose, reach, spread, best):
-    """What the signed distance is not below anywhere in a group of cells; not closely if that is not below `best`.
-
-    With v the point, n the direction in which the distance grows and d the axis, the tip and the axis differing by D
-    and E from the pose move the point in the tool's frame along n by - D . n - E . ((v . d) n - (n . d) v), but for
-    what is of second order: |D| |E| + |v| |E|^2 / 2.
-    """
-    a, b, c = x - pose[0], y - pose[1], z - pose[2]
-    h = a * pose[3] + b * pose[4] + c * pose[5]
-    a, b, c = a - h * pose[3], b - h * pose[4], c - h * pose[5]
-    rho = np.sqrt(a * a + b * b + c * c)
-    value, by_rho, by_h = profile(body, rho, h)
-    if value - reach >= best or rho == 0.0:
-        return value - reach
-    a, b, c = a / rho, b / rho, c / rho
-    # n = by_rho e + by_h d, with e = (a, b, c), so that (v . d) n - (n . d) v = (h by_rho - rho by_h) e.
-    lever = h * by_rho - rho * by_h
-    nx, ny, nz = by_rho * a + by_h * pose[3], by_rho * b + by_h * pose[4], by_rho * c + by_h * pose[5]
-    begin = nx * spread[0] + ny * spread[1] + nz * spread[2] + lever * (a * spread[3] + b * spread[4] + c * spread[5])
-    end = nx * spread[6] + ny * spread[7] + nz * spread[8] + lever * (a * spread[9] + b * spread[10] + c * spread[11])
-    off = spread[12] + abs(lever) * spread[13] + np.sqrt(rho * rho + h * h) * spread[14]
-    return value - min(reach, max(begin, end) + off)
-
-
-@njit(cache=True)
 def _in_cell(body, x, y, z, cell, tau):
-    """Signed distance at tau in a cell, its derivative by tau, and the square of the way to the tip."""
+    """Signed distance at tau in a cell, and its derivative by tau."""
     bend = 4.0 * tau * (1.0 - tau)
     swing = 4.0 - 8.0 * tau
     a = x - cell[0] - tau * cell[3]
@@ -148,7 +116,6 @@ def _in_cell(body, x, y, z, cell, tau):
     e0 = cell[9] + swing * cell[12]
     e1 = cell[10] + swing * cell[13]
     e2 = cell[11] + swing * cell[14]
-    square = a * a + b * b + c * c
     h = a * d0 + b * d1 + c * d2
     rise = -(cell[3] * d0 + cell[4] * d1 + cell[5] * d2) + a * e0 + b * e1 + c * e2
     # Not from |y|^2 - h^2: near the axis that would lose all digits, and the parabola is a unit vector to 1e-10 only.
@@ -158,15 +125,15 @@ def _in_cell(body, x, y, z, cell, tau):
     slope = by_h * rise
     if rho > 0.0:
         slope -= by_rho * (a * (cell[3] + h * e0) + b * (cell[4] + h * e1) + c * (cell[5] + h * e2)) / rho
-    return value, slope, square
+    return value, slope
 
 
 @njit(cache=True)
-def _least_in_cell(body, x, y, z, cell, slack, fa, ga, fb, gb, best):
+def _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best):
     """Least distance inside a cell whose ends fall towards its inside, and where; gives up once it cannot beat best.
 
     The body is convex, so under pure translation the distance is a convex function of tau and the tangents at the two
-    ends bound it from below; the slack covers what a turning axis takes from that.
+    ends bound it from below; the cell's slack covers what a turning axis takes from that.
     """
     ta, tb = 0.0, 1.0
     least, where = fa, ta
@@ -177,7 +144,7 @@ def _least_in_cell(body, x, y, z, cell, slack, fa, ga, fb, gb, best):
     for step in range(_MOST_STEPS):
         width = tb - ta
         crossing = (fb - fa - gb * width) / (ga - gb)
-        bound = fa + ga * crossing - slack * width * width
+        bound = fa + ga * crossing - cell[15] * width * width
         if bound >= best or least - bound < _CERTAIN:
             break
         # Regula falsi on the derivative, halving the weight of an end that stays (Illinois); every third step halves
@@ -187,7 +154,7 @@ def _least_in_cell(body, x, y, z, cell, slack, fa, ga, fb, gb, best):
             t = ta + 0.5 * width
         elif not (t > ta + 1e-3 * width and t < tb - 1e-3 * width):
             t = min(max(t, ta + 1e-3 * width), tb - 1e-3 * width)
-        f, g, _ = _in_cell(body, x, y, z, cell, t)
+        f, g = _in_cell(body, x, y, z, cell, t)
         if f < least:
             least, where = f, t
         if g == 0.0:
@@ -215,7 +182,7 @@ def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, ta
     i = low
     while i < high:
         cell = cells[i]
-        fa, ga, square = _in_cell(body, x, y, z, cell, 0.0)
+        fa, ga = _in_cell(body, x, y, z, cell, 0.0)
         if fa < best:
             best, index, tau = fa, i, 0.0
         left = fa - best
@@ -224,15 +191,11 @@ def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, ta
                 # What follows inside is further away, and the end is where the next cell begins.
                 i += 1
                 continue
-            slack = cell[15] + cell[16] * np.sqrt(square)
-            if fa + ga - slack >= best:
-                i += 1
-                continue
-            fb, gb, _ = _in_cell(body, x, y, z, cell, 1.0)
+            fb, gb = _in_cell(body, x, y, z, cell, 1.0)
             if fb < best:
                 best, index, tau = fb, i, 1.0
             if ga < 0.0 and gb > 0.0:
-                f, t = _least_in_cell(body, x, y, z, cell, slack, fa, ga, fb, gb, best)
+                f, t = _least_in_cell(body, x, y, z, cell, fa, ga, fb, gb, best)
                 if f < best:
                     best, index, tau = f, i, t
             i += 1
@@ -244,30 +207,19 @@ def _search_cells(body, x, y, z, cells, ways, joined, low, high, best, index, ta
 
 
 @njit(cache=True)
-def _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near, bounds, wide):
-    """Which groups may be nearest to a point within `radius` of x, y, z, or nearer than `most`; returns how many.
-
-    The nearest comes first; a point is no nearer to one than `bounds` has for it, less its way from x, y, z. `wide` is
-    for the same of the wide groups.
-    """
+def _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near):
+    """Which groups may be nearest to a point within `radius` of x, y, z, or nearer than `most`; returns how many."""
     for w in range(wide_poses.shape[0]):
-        away = _at_pose(body, x, y, z, wide_poses[w])
-        wide[w] = away - wide_reaches[w]
-        most = min(most, away + radius + _CERTAIN)
+        most = min(most, _at_pose(body, x, y, z, wide_poses[w]) + radius + _CERTAIN)
     count = 0
     for w in range(wide_poses.shape[0]):
-        if wide[w] - radius >= most:
+        if _at_pose(body, x, y, z, wide_poses[w]) - wide_reaches[w] - radius >= most:
             continue
         for g in range(w * size, min((w + 1) * size, poses.shape[0])):
             away = _at_pose(body, x, y, z, poses[g])
             most = min(most, away + radius + _CERTAIN)
-            bound = away - reaches[g]
-            if bound - radius < most:
-                k = count
-                while k > 0 and bounds[k - 1] > bound:
-                    near[k], bounds[k] = near[k - 1], bounds[k - 1]
-                    k -= 1
-                near[k], bounds[k] = g, bound
+            if away - reaches[g] - radius < most:
+                near[count] = g
                 count += 1
     return count
 
@@ -282,7 +234,6 @@ def least_distance(
     joined,
     poses,
     reaches,
-    spreads,
     wide_poses,
     wide_reaches,
     size,
@@ -298,46 +249,40 @@ def least_distance(
     points: (N, 3) mm, those of a block close together.
     start: (N,) distances that count; a point that no pose brings below its own keeps it.
     block: how many successive points are taken together. What is found does not depend on it.
-    cells: (M, 17), see the module.
+    cells: (M, 16), see the module.
     ways: (M,) the most any point of the body moves from the beginning of a cell within it and to the next, mm.
     joined: (M,) whether a cell ends where the next begins.
     poses, reaches: (G, 6) and (G,): a pose in each group of `size` successive cells, and the most any point of the body
         is away from where that pose puts it, anywhere in the group, mm.
-    spreads: (G, 15), see the module.
-    wide_poses, wide_reaches: as poses and reaches, for groups of `size` successive groups.
+    wide_poses, wide_reaches: the same for groups of `size` successive groups.
     body: (9,), see the module.
     distance, where, tau: (N,), filled with the least distance, its cell (-1 where `start` was not beaten), and tau.
     """
-    near, bounds, wide = np.empty(poses.shape[0], np.int64), np.empty(poses.shape[0]), np.empty(wide_poses.shape[0])
+    near = np.empty(poses.shape[0], np.int64)
     for first in range(0, points.shape[0], block):
         last = min(first + block, points.shape[0])
-        cx, cy, cz = 0.0, 0.0, 0.0
+        x, y, z = 0.0, 0.0, 0.0
         most = -np.inf
         for n in range(first, last):
-            cx += points[n, 0] / (last - first)
-            cy += points[n, 1] / (last - first)
-            cz += points[n, 2] / (last - first)
+            x += points[n, 0] / (last - first)
+            y += points[n, 1] / (last - first)
+            z += points[n, 2] / (last - first)
             most = max(most, start[n])
         radius = 0.0
         for n in range(first, last):
-            radius = max(radius, (points[n, 0] - cx) ** 2 + (points[n, 1] - cy) ** 2 + (points[n, 2] - cz) ** 2)
+            radius = max(radius, (points[n, 0] - x) ** 2 + (points[n, 1] - y) ** 2 + (points[n, 2] - z) ** 2)
         radius = np.sqrt(radius)
-        count = _near_groups(
-            body, cx, cy, cz, radius, most, poses, reaches, wide_poses, wide_reaches, size, near, bounds, wide
-        )  # fmt: skip
+        count = _near_groups(body, x, y, z, radius, most, poses, reaches, wide_poses, wide_reaches, size, near)
         hint = NONE
         for n in range(first, last):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]
-            off = np.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2)
             best, index, at = start[n], NONE, 0.0
             # What was nearest to the point before is mostly near to this one.
             if hint >= 0:
                 best, index, at = _search_cells(body, x, y, z, cells, ways, joined, hint, hint + 1, best, index, at)
             for k in range(count):
-                if bounds[k] - off >= best:
-                    break
                 g = near[k]
-                if _in_group(body, x, y, z, poses[g], reaches[g], spreads[g], best) < best:
+                if _at_pose(body, x, y, z, poses[g]) - reaches[g] < best:
                     best, index, at = _search_cells(
                         body,
                         x,
