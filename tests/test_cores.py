@@ -39,3 +39,11 @@ def test_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cores, "cores", lambda: 2)
     with pytest.raises(ValueError, match="at 0"):
         cores.spread(fail, 10)
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_tasks_beside_each_other_answer_in_their_order(monkeypatch: pytest.MonkeyPatch, workers: int) -> None:
+    monkeypatch.setattr(cores, "cores", lambda: workers)
+    assert cores.beside([lambda k=k: k * k for k in range(9)]) == [k * k for k in range(9)]
+    with pytest.raises(ZeroDivisionError):
+        cores.beside([lambda: 1, lambda: 1 // 0])
