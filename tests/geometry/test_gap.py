@@ -50,11 +50,10 @@ def distance_at(tool: Tool, z: float, r: float, turn: float = 0.4) -> float:
     p, d = np.array([3.0, -2.0, 5.0]), np.array([2.0, -1.0, 2.0]) / 3.0
     e1 = np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
     x = p + z * d + r * (cos(turn) * e1 + sin(turn) * np.cross(d, e1))
-    q = p + tool.length * d
     alpha = tool.half_angle
     return float(
         cutter_distance(
-            *x, *p, *q, tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius
+            *x, *p, *d, tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius
         )
     )
 
@@ -151,7 +150,7 @@ def test_gap_against_very_many_poses() -> None:
     for k in range(0, len(points), 50):
         p, q = (end[0] for end in motion.ends([time[k]]))
         arguments = (tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius)
-        assert cutter_distance(*points[k], *p, *q, *arguments) == pytest.approx(gap[k], abs=1e-9)
+        assert cutter_distance(*points[k], *p, *((q - p) / np.linalg.norm(q - p)), *arguments) == pytest.approx(gap[k], abs=1e-9)
 
 
 def test_gaps_beyond_reach_are_bounds() -> None:
@@ -201,7 +200,7 @@ def test_the_gradient_is_that_of_the_gap(tool: Tool) -> None:
     across = np.linalg.norm(points - start - along[:, None] * axis, axis=1)
     # Deep inside, cone and top may be equally near at the best pose: the other kink.
     cone = (across - tool.r_min) * cos(tool.half_angle) - along * sin(tool.half_angle)
-    smooth &= np.abs(cone - (along - tool.length)) > 1e-4
+    smooth &= np.abs(cone - (along - tool.length)) > 1e-3
     assert smooth.mean() > 0.95
     p_change, q_change = Motion(motion.knots, change[:, :3], change[:, 3:]).ends(field.time)
     expected = np.einsum("nk,nk->n", field.rows, np.hstack([p_change, q_change]))

@@ -261,7 +261,7 @@ def _fill_node(block, a, b, start, step, poses, polynomials, breaks, bend, cutte
     node[TIME] = time
     node[LOW] = min(low - SETTLED, floor)
     node[GAP] = cutter_distance(
-        x[0], y[0], z[0], at[0], at[1], at[2], at[0] + at[3], at[1] + at[4], at[2] + at[5],
+        x[0], y[0], z[0], at[0], at[1], at[2], at[3], at[4], at[5],
         r_min, sine, cosine, cutter[3], ball_height, ball_radius,
     )  # fmt: skip
     node[BESIDE] = beside
@@ -520,8 +520,7 @@ def bounded_cells(
                     rise = half
                     axis = near[k]
                     d = cutter_distance(
-                        x[0], y[0], z[0], axis[0], axis[1], axis[2], axis[0] + axis[3], axis[1] + axis[4],
-                        axis[2] + axis[5],
+                        x[0], y[0], z[0], axis[0], axis[1], axis[2], axis[3], axis[4], axis[5],
                         r_min, sine, cosine, length, ball_height, cutter[5],
                     )  # fmt: skip
                 most_near = min(most_near, d + rise)

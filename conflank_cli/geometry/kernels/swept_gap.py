@@ -7,42 +7,49 @@ from numba import njit
 
 from conflank_cli.geometry.kernels.footpoint import find_span
 
-# The search for the nearest pose ends when it is known to this share of the bracket, about 2 mm of travel: at
-# a kink of the distance the gap is then off by less than 1e-6 mm, elsewhere by nothing that shows.
+# The search for the nearest pose ends where the distance would fall by no more than this, mm: the first by the parabola
+# there, which is then taken off, the second by its slope as far as the bracket goes, were there a kink ahead.
+STILL, SURE = 1e-8, 1e-7
+# Or where the time is known to this share of the bracket, about 2 mm of travel.
 KNOWN, MOST_STEPS = 3e-7, 60
-GOLDEN = 0.3819660112501051
+# Steps that do not halve the bracket before it is halved.
+PATIENCE = 3
 
 
 @njit(forceinline=True)
-def cutter_distance(x, y, z, px, py, pz, qx, qy, qz, r_min, slope_sin, slope_cos, length, ball_height, ball_radius):
-    """Signed distance from a point to the cutting body (ball and cone) whose axis runs from p towards q."""
-    dx = qx - px
-    dy = qy - py
-    dz = qz - pz
-    norm = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz)
+def nearest_place(along, across, r_min, slope_sin, slope_cos, length, ball_height, ball_radius):
+    """Signed distance to the cutter of a point so far along its axis and across it, and the place that is nearest.
+
+    That is a height on the axis and a distance from it. On ball and cone the centre of the sphere that touches there
+    stands for it.
+    """
+    # In the half plane (along, across) the generator runs from (0, r_min) with slope tan α.
+    beside = along * slope_cos + (across - r_min) * slope_sin
+    if beside <= 0.0:
+        h = along - ball_height
+        return np.sqrt(h * h + across * across) - ball_radius, ball_height, 0.0
+    lateral = (across - r_min) * slope_cos - along * slope_sin
+    above = along - length
+    slope = slope_sin / slope_cos
+    # Below the normal to the cone at its rim; inside of it the top disc may be nearer, and above it is.
+    if (lateral <= 0.0 and above <= lateral) or (lateral > 0.0 and beside * slope_cos < length):
+        return lateral, along + across * slope, 0.0
+    rim = across - r_min - length * slope
+    if rim <= 0.0:
+        return above, length, across
+    return np.sqrt(above * above + rim * rim), length, across - rim
+
+
+@njit(forceinline=True)
+def cutter_distance(x, y, z, px, py, pz, dx, dy, dz, r_min, slope_sin, slope_cos, length, ball_height, ball_radius):
+    """Signed distance from a point to the cutting body (ball and cone) whose axis runs from p in direction d."""
     rx = x - px
     ry = y - py
     rz = z - pz
-    along = (rx * dx + ry * dy + rz * dz) * norm
+    along = rx * dx + ry * dy + rz * dz
     square = rx * rx + ry * ry + rz * rz - along * along
     across = np.sqrt(square) if square > 0.0 else 0.0
-    # In the half plane (along, across) the generator runs from (0, r_min) with slope tan α.
-    beside = along * slope_cos + (across - r_min) * slope_sin
-    lateral = (across - r_min) * slope_cos - along * slope_sin
-    if beside <= 0.0:
-        h = along - ball_height
-        return np.sqrt(h * h + across * across) - ball_radius
-    above = along - length
-    rim = across - r_min - length * slope_sin / slope_cos
-    if lateral <= 0.0 and above <= 0.0:
-        # Inside, the top disc may be nearer than the cone.
-        return max(lateral, above)
-    # Below the normal to the cone at its rim; inside the prolonged cone the top disc is nearest.
-    if lateral > 0.0 and beside * slope_cos < length:
-        return lateral
-    if rim <= 0.0:
-        return above
-    return np.sqrt(above * above + rim * rim)
+    return nearest_place(along, across, r_min, slope_sin, slope_cos, length, ball_height, ball_radius)[0]
 
 
 @njit(forceinline=True)
@@ -57,90 +64,119 @@ def pose(polynomials, breaks, t, out):
 
 
 @njit(forceinline=True)
-def distance_at(polynomials, breaks, t, x, y, z, cutter, axis):
-    """Signed distance from a point to the cutter at time t; axis (6,) is overwritten."""
-    pose(polynomials, breaks, t, axis)
-    return cutter_distance(
-        x, y, z, axis[0], axis[1], axis[2], axis[3], axis[4], axis[5],
-        cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
-    )  # fmt: skip
+def course(polynomials, breaks, t, axis, velocity):
+    """Axis ends at t and their derivatives; fills axis (6,) and velocity (6,)."""
+    k = find_span(breaks, t)
+    width = breaks[k + 1] - breaks[k]
+    x = (t - breaks[k]) / width
+    for a in range(6):
+        c1, c2, c3 = polynomials[k, 1, a], polynomials[k, 2, a], polynomials[k, 3, a]
+        axis[a] = ((c3 * x + c2) * x + c1) * x + polynomials[k, 0, a]
+        velocity[a] = ((3.0 * c3 * x + 2.0 * c2) * x + c1) / width
+
+
+@njit(forceinline=True)
+def distance_and_slope(x, y, z, axis, velocity, cutter):
+    """Signed distance from a point to the cutter in motion, and its derivative by time.
+
+    By the envelope theorem that is what the place that is nearest moves towards the point.
+    """
+    dx = axis[3] - axis[0]
+    dy = axis[4] - axis[1]
+    dz = axis[5] - axis[2]
+    norm = 1.0 / np.sqrt(dx * dx + dy * dy + dz * dz)
+    dx *= norm
+    dy *= norm
+    dz *= norm
+    rx = x - axis[0]
+    ry = y - axis[1]
+    rz = z - axis[2]
+    along = rx * dx + ry * dy + rz * dz
+    # From the axis to the point.
+    wx = rx - along * dx
+    wy = ry - along * dy
+    wz = rz - along * dz
+    across = np.sqrt(wx * wx + wy * wy + wz * wz)
+    f, h, out = nearest_place(along, across, cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5])
+    if across < 1e-9:
+        return f, 0.0
+    # How the direction of the axis turns, but for what it does along itself.
+    tx = (velocity[3] - velocity[0]) * norm
+    ty = (velocity[4] - velocity[1]) * norm
+    tz = (velocity[5] - velocity[2]) * norm
+    stretch = tx * dx + ty * dy + tz * dz
+    tx -= stretch * dx
+    ty -= stretch * dy
+    tz -= stretch * dz
+    # The normal of the cutter there, n = (up d + beyond w) / length: on the disc it is the axis.
+    up, beyond, length = 1.0, 0.0, 1.0
+    if across != out:
+        up = along - h
+        beyond = (across - out) / across
+        length = np.sqrt(up * up + (across - out) ** 2)
+        if length < 1e-12:
+            return f, 0.0
+    mx = velocity[0] + h * tx
+    my = velocity[1] + h * ty
+    mz = velocity[2] + h * tz
+    turn = wx * tx + wy * ty + wz * tz
+    forth = up * (mx * dx + my * dy + mz * dz) + beyond * (wx * mx + wy * my + wz * mz)
+    return f, (out * up * turn / across - forth) / length
 
 
 @njit(cache=True, nogil=True)
-def nearest_between(polynomials, breaks, low, high, t, f, f_low, f_high, x, y, z, cutter, axis):
-    """(least distance, time) of a point over poses from low to high, t among them, where it is f, f_low and f_high.
+def nearest_between(polynomials, breaks, low, high, t, bend, x, y, z, cutter, axis, velocity):
+    """(least distance, its time, second derivative there) of a point over poses from low to high, from t among them.
 
-    Parabolas through the last three poses where they converge, golden section where not; axis (6,) is overwritten.
-
-    Source: Brent, Algorithms for Minimization without Derivatives (1973), chapter 5.
+    bend: about what the second derivative of the distance by time is; 0 where nothing is known. The derivative is
+    brought to 0 by secants within the times where it has either sign, which are halved where those converge slowly;
+    axis (6,) and velocity (6,) are overwritten.
     """
+    first, last = low, high
+    looked_low = looked_high = False
     known = KNOWN * (high - low)
-    first, f_first = (low, f_low) if f_low < f_high else (high, f_high)
-    # Best, second best and the one before.
-    step = last = 0.0
-    t2, f2 = first, f_first
-    if f <= f_first and low < t < high:
-        # In the valley already: the parabola through all three is the first guess.
-        t3, f3 = (high, f_high) if first == low else (low, f_low)
-        step = last = high - low
-    else:
-        # Where the distance does not fall from the nearer end on, that is the minimum: a motion that is too short.
-        t = low + 2.0 * known if first == low else high - 2.0 * known
-        if distance_at(polynomials, breaks, t, x, y, z, cutter, axis) >= f_first:
-            return f_first, first
-        t = low + GOLDEN * (high - low)
-        f = distance_at(polynomials, breaks, t, x, y, z, cutter, axis)
-        t2, f2 = t, f
-        t3, f3 = t, f
-    for _ in range(MOST_STEPS):
-        middle = 0.5 * (low + high)
-        if abs(t - middle) <= 2.0 * known - 0.5 * (high - low):
+    best, where = np.inf, t
+    before = slope_before = 0.0
+    width, patience = high - low, PATIENCE
+    for step in range(MOST_STEPS):
+        course(polynomials, breaks, t, axis, velocity)
+        f, slope = distance_and_slope(x, y, z, axis, velocity, cutter)
+        if f < best:
+            best, where = f, t
+        if slope > 0.0:
+            high, looked_high = t, True
+        else:
+            low, looked_low = t, True
+        # At an end it does not fall any further, or it is known well enough where it is least.
+        if high == first or low == last or slope == 0.0 or high - low <= known:
             break
-        parabola = False
-        if abs(last) > known:
-            r = (t - t2) * (f - f3)
-            q = (t - t3) * (f - f2)
-            p = (t - t3) * q - (t - t2) * r
-            q = 2.0 * (q - r)
-            if q > 0.0:
-                p = -p
-            q = abs(q)
-            # Inside the bracket, and less than half of the step before the last.
-            parabola = abs(p) < abs(0.5 * q * last) and p > q * (low - t) and p < q * (high - t)
-        if parabola:
-            last = step
-            step = p / q
-            if t + step - low < 2.0 * known or high - t - step < 2.0 * known:
-                step = known if t < middle else -known
-        else:
-            last = high - t if t < middle else low - t
-            step = GOLDEN * last
-        if abs(step) < known:
-            step = known if step > 0.0 else -known
-        s = t + step
-        d = distance_at(polynomials, breaks, s, x, y, z, cutter, axis)
-        if d <= f:
-            if s < t:
-                high = t
-            else:
-                low = t
-            t3, f3, t2, f2, t, f = t2, f2, t, f, s, d
-        else:
-            if s < t:
-                low = s
-            else:
-                high = s
-            if d <= f2 or t2 == t:
-                t3, f3, t2, f2 = t2, f2, s, d
-            elif d <= f3 or t3 in (t, t2):
-                t3, f3 = s, d
-    # No step goes to the ends.
-    return (f_first, first) if f_first < f else (f, t)
+        if step > 0 and (slope - slope_before) * (t - before) > 0.0:
+            bend = (slope - slope_before) / (t - before)
+        elif bend <= 0.0:
+            # Nothing is known yet: a step that may well end on the other side.
+            bend = abs(slope) / (0.1 * (last - first))
+        ahead = t - low if slope > 0.0 else high - t
+        before, slope_before = t, slope
+        t -= slope / bend
+        fall = 0.5 * slope * slope / bend
+        if fall < STILL and abs(slope) * ahead < SURE and low < t < high:
+            return (f - fall, t, bend) if f - fall < best else (best, where, bend)
+        patience -= 1
+        if patience == 0:
+            if looked_low and looked_high and high - low > 0.5 * width:
+                t = 0.5 * (low + high)
+            width, patience = high - low, PATIENCE
+        # An end that has not been looked at may be the nearest of all.
+        if t <= low:
+            t = 0.5 * (low + high) if looked_low else low
+        elif t >= high:
+            t = 0.5 * (low + high) if looked_high else high
+    return best, where, bend
 
 
 @njit(forceinline=True)
 def look(axes, k, x, y, z, cutter):
-    """Signed distance from a point to the cutter at the sampled pose k of axes (M, 6)."""
+    """Signed distance from a point to the cutter at the sampled pose k of axes (M, 6), p and direction of each."""
     return cutter_distance(
         x, y, z, axes[k, 0], axes[k, 1], axes[k, 2], axes[k, 3], axes[k, 4], axes[k, 5],
         cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5],
@@ -148,23 +184,29 @@ def look(axes, k, x, y, z, cutter):
 
 
 @njit(forceinline=True)
-def longest_step(axes, cutter):
-    """By how much no point of the cutter moves from one of the sampled poses (M, 6) to the next, mm.
+def looks(polynomials, breaks, samples, cutter, axes):
+    """Poses at equal steps, p and direction of each, and by how much no point of the cutter moves in one, mm.
 
     A point at height h and r from the axis moves with the axis there, and by r with the turn of the axis; the axis
-    between p and q by no more than one of its ends, and beyond p by the turn more.
+    between p and q by no more than one of its ends, and beyond p by the turn more. Fills axes (samples + 1, 6).
     """
     away = max(cutter[0] + cutter[3] * cutter[1] / cutter[2], cutter[5]) + cutter[5] - cutter[4]
     longest = 1e-9
-    for k in range(axes.shape[0] - 1):
-        p = 0.0
-        q = 0.0
-        turn = 0.0
+    at, before = np.empty(6), np.empty(6)
+    for k in range(samples + 1):
+        pose(polynomials, breaks, k / samples, at)
+        if k > 0:
+            p = q = turn = 0.0
+            for a in range(3):
+                p += (at[a] - before[a]) ** 2
+                q += (at[3 + a] - before[3 + a]) ** 2
+                turn += (at[3 + a] - before[3 + a] - at[a] + before[a]) ** 2
+            longest = max(longest, np.sqrt(max(p, q)) + np.sqrt(turn) * away / cutter[3])
+        norm = 1.0 / np.sqrt((at[3] - at[0]) ** 2 + (at[4] - at[1]) ** 2 + (at[5] - at[2]) ** 2)
         for a in range(3):
-            p += (axes[k + 1, a] - axes[k, a]) ** 2
-            q += (axes[k + 1, 3 + a] - axes[k, 3 + a]) ** 2
-            turn += (axes[k + 1, 3 + a] - axes[k, 3 + a] - axes[k + 1, a] + axes[k, a]) ** 2
-        longest = max(longest, np.sqrt(max(p, q)) + np.sqrt(turn) * away / cutter[3])
+            axes[k, a] = at[a]
+            axes[k, 3 + a] = (at[3 + a] - at[a]) * norm
+        before[:] = at
     return 1.001 * longest
 
 
@@ -176,14 +218,14 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
     points (N, 3). reach: distances above this many mm are not refined. cutter (6,): r_min, sin α, cos α, length, ball
     centre height, ball radius. Fills gap (N,) mm and time (N,) where the minimum is.
 
-    The first look takes the nearest sampled pose; golden section on the exact motion then finds the minimum between its
-    neighbours. Does not promise the lesser of two minima that differ by less than the first look can tell.
+    The first look takes the nearest sampled pose; from the parabola through it and its neighbours the minimum of the
+    exact motion between these is found. Does not promise the lesser of two minima that differ by less than the first
+    look can tell.
     """
     axes = np.empty((samples + 1, 6))
-    for k in range(samples + 1):
-        pose(polynomials, breaks, k / samples, axes[k])
-    way = longest_step(axes, cutter)
-    at = np.empty(6)
+    way = looks(polynomials, breaks, samples, cutter, axes)
+    axis, velocity = np.empty(6), np.empty(6)
+    step = 1.0 / samples
     where = 0
     for i in range(points.shape[0]):
         x = points[i, 0]
@@ -211,10 +253,22 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
             continue
         before = max(where - 1, 0)
         after = min(where + 1, samples)
-        gap[i], time[i] = nearest_between(
-            polynomials, breaks, before / samples, after / samples, time[i], best,
-            look(axes, before, x, y, z, cutter), look(axes, after, x, y, z, cutter), x, y, z, cutter, at,
-        )  # fmt: skip
+        # At an end this is the end itself, and what the distance bends is not known.
+        bend = rise = 0.0
+        if 0 < where < samples:
+            f_before = look(axes, before, x, y, z, cutter)
+            f_after = look(axes, after, x, y, z, cutter)
+            rise = 0.5 * (f_before - f_after)
+            bend = f_before - 2.0 * best + f_after
+        here, low, high = min(where * step, 1.0), before * step, min(after * step, 1.0)
+        start = min(here + rise / bend * step, 1.0) if bend > 0.0 else here
+        for t in (start, here):
+            gap[i], time[i], _ = nearest_between(
+                polynomials, breaks, low, high, t, bend / (step * step), x, y, z, cutter, axis, velocity
+            )
+            # It is another valley than that of the sampled pose, and not as deep.
+            if gap[i] <= best:
+                break
 
 
 @njit(cache=True, nogil=True)
@@ -223,18 +277,13 @@ def swept_gap_near(polynomials, breaks, window, points, cutter, gap, time):
 
     Does not promise the least gap of the whole motion, only that of the valley it starts in.
     """
-    at = np.empty(6)
+    axis, velocity = np.empty(6), np.empty(6)
+    bend = 0.0
     for i in range(points.shape[0]):
-        x = points[i, 0]
-        y = points[i, 1]
-        z = points[i, 2]
-        low = max(time[i] - window, 0.0)
-        high = min(time[i] + window, 1.0)
-        gap[i], time[i] = nearest_between(
-            polynomials, breaks, low, high, time[i],
-            distance_at(polynomials, breaks, time[i], x, y, z, cutter, at),
-            distance_at(polynomials, breaks, low, x, y, z, cutter, at),
-            distance_at(polynomials, breaks, high, x, y, z, cutter, at), x, y, z, cutter, at,
+        # It bends there about as it does for the point before, which most likely is near.
+        gap[i], time[i], bend = nearest_between(
+            polynomials, breaks, max(time[i] - window, 0.0), min(time[i] + window, 1.0), time[i], bend,
+            points[i, 0], points[i, 1], points[i, 2], cutter, axis, velocity,
         )  # fmt: skip
 
 
@@ -250,7 +299,6 @@ def gap_gradients(polynomials, breaks, points, time, cutter, rows):
     d = np.empty(3)
     n = np.empty(3)
     w = np.empty(3)
-    slope = cutter[1] / cutter[2]
     for i in range(points.shape[0]):
         pose(polynomials, breaks, time[i], axis)
         length = np.sqrt((axis[3] - axis[0]) ** 2 + (axis[4] - axis[1]) ** 2 + (axis[5] - axis[2]) ** 2)
@@ -266,17 +314,7 @@ def gap_gradients(polynomials, breaks, points, time, cutter, rows):
         rows[i] = 0.0
         if across < 1e-9:
             continue
-        beside = along * cutter[2] + (across - cutter[0]) * cutter[1]
-        lateral = (across - cutter[0]) * cutter[2] - along * cutter[1]
-        above = along - cutter[3]
-        r_max = cutter[0] + cutter[3] * slope
-        # The same regions as in `cutter_distance`; y is at height h, `out` from the axis.
-        if beside <= 0.0:
-            h, out = cutter[4], 0.0
-        elif (lateral <= 0.0 and above <= lateral) or (lateral > 0.0 and beside * cutter[2] < cutter[3]):
-            h, out = along + across * slope, 0.0
-        else:
-            h, out = cutter[3], min(across, r_max)
+        _, h, out = nearest_place(along, across, cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5])
         norm = 0.0
         for k in range(3):
             w[k] /= across
