@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +52,12 @@ def machine_of(job: Job) -> Machine:
     """The machine of a job: from the text of its file, or shipped."""
     if job.machine.definition is not None:
         return parse_machine(job.machine.definition, job.machine.file or job.machine.name)
-    return load_machine(job.machine.name)
+    return _shipped(job.machine.name)
+
+
+@lru_cache(maxsize=8)
+def _shipped(name: str) -> Machine:
+    return load_machine(name)
 
 
 def copy_rotation(copies: Copies, number: int) -> Array:
@@ -65,8 +71,12 @@ def reachable_axes(job: Job, axes: Array) -> BoolArray:
 
     On every copy that is cut.
     """
-    machine, frame, copies = machine_of(job), Frame.of(job.setup), job.setup.copies
-    reached = np.ones(len(axes), dtype=np.bool_)
-    for number in copies.order:
-        reached &= within_range(machine, frame.turned(copy_rotation(copies, number)).directions(axes))
-    return reached
+    every = np.concatenate([axes @ rotation.T for rotation in _copied(job.setup)])
+    return np.asarray(within_range(machine_of(job), every).reshape(-1, len(axes)).all(axis=0))
+
+
+@lru_cache(maxsize=8)
+def _copied(setup: Setup) -> tuple[Array, ...]:
+    """Rotations (3, 3) of directions from the CAD frame to the program's, one for each copy that is cut."""
+    frame, copies = Frame.of(setup), setup.copies
+    return tuple(frame.turned(copy_rotation(copies, number)).rotation for number in copies.order)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 
 from conflank_cli.detection.settling import Contact
-from conflank_cli.geometry.normal_equations import NormalEquations, values_at
+from conflank_cli.geometry.normal_equations import NormalEquations, basis_at
 from conflank_cli.limits import Limits
 from conflank_cli.motion import DEGREE, Motion, uniform_knots
 
@@ -43,7 +43,7 @@ class _Basis(NamedTuple):
     @classmethod
     def at(cls, t: Array, count: int) -> _Basis:
         """`count` control points on uniform knots."""
-        return cls(t, *values_at(uniform_knots(count), t))
+        return cls(t, *basis_at(uniform_knots(count), t)[:2])
 
     def __matmul__(self, control: Array) -> Array:
         around = control[self.first[:, None] + np.arange(DEGREE + 1)]

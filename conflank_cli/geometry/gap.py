@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, factorial, sin
+from math import cos, sin
 
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.geometry.kernels.cubic import longer_path, span_polynomials
 from conflank_cli.geometry.kernels.swept_gap import gap_gradients, swept_gap, swept_gap_near
 from conflank_cli.motion import DEGREE, Motion
 from conflank_cli.tool import Tool
@@ -19,6 +20,8 @@ Array = npt.NDArray[np.float64]
 STEP = 1.0
 # Distances beyond this are reported as the first look found them, mm.
 REACH = 0.25
+# Chords that the length of a motion is taken from.
+CHORDS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +49,10 @@ def motion_gap(
     a motion that slows down and turns at an end has minima closer together than the usual one can tell.
     """
     gap, time = np.empty(len(points)), np.empty(len(points))
+    polynomials, breaks = polynomials_of(motion)
     swept_gap(
-        *polynomials_of(motion), _looks(motion, step), np.ascontiguousarray(points), allowance + reach, cutter_of(tool),
-        gap, time,
+        polynomials, breaks, _looks(polynomials, breaks, step), np.ascontiguousarray(points), allowance + reach,
+        cutter_of(tool), gap, time,
     )  # fmt: skip
     return gap - allowance, time
 
@@ -68,7 +72,7 @@ def gap_field(
         gap, time = motion_gap(motion, tool, points, allowance, reach)
     else:
         gap, time = np.empty(len(points)), start.copy()
-        swept_gap_near(polynomials, breaks, 1.0 / _looks(motion, STEP), points, cutter, gap, time)
+        swept_gap_near(polynomials, breaks, 1.0 / _looks(polynomials, breaks, STEP), points, cutter, gap, time)
         gap -= allowance
     gap_gradients(polynomials, breaks, points, time, cutter, rows)
     return GapField(gap, time, rows)
@@ -77,10 +81,9 @@ def gap_field(
 def polynomials_of(motion: Motion) -> tuple[Array, Array]:
     """The motion as the kernels read it: polynomials (spans, 4, 6) in each span's local parameter, breaks."""
     breaks = np.unique(motion.knots)
-    spline = motion.spline
-    width = np.diff(breaks)[:, None]
-    orders = range(DEGREE + 1)
-    return np.stack([spline(breaks[:-1], nu=k) * width**k / factorial(k) for k in orders], axis=1), breaks
+    polynomials = np.empty((len(breaks) - 1, DEGREE + 1, 6))
+    span_polynomials(motion.knots, np.hstack([motion.p, motion.q]), breaks, polynomials)
+    return polynomials, breaks
 
 
 def cutter_of(tool: Tool) -> Array:
@@ -89,11 +92,10 @@ def cutter_of(tool: Tool) -> Array:
     return np.array([tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius])
 
 
-def _looks(motion: Motion, step: float) -> int:
-    return max(int(np.ceil(travel(motion) / step)), 8)
+def _looks(polynomials: Array, breaks: Array, step: float) -> int:
+    return max(int(np.ceil(longer_path(polynomials, breaks, CHORDS) / step)), 8)
 
 
 def travel(motion: Motion) -> float:
     """Length of the longer of the two paths of the axis ends, mm."""
-    p, q = motion.ends(np.linspace(0.0, 1.0, 65))
-    return float(max(np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (p, q)))
+    return float(longer_path(*polynomials_of(motion), CHORDS))

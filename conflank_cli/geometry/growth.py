@@ -74,7 +74,7 @@ def clear_slide(
     Parameters
     ----------
     away: as `slid` has it.
-    free: which poses, axis points at height 0 and unit directions (M, 3), hit nothing.
+    free: which poses hit nothing, (K, S): axis points at height 0 (K, S, 3), S for each of the unit directions (K, 3).
     """
     time, height, areas, low = _prolonged_contacts(motion, tool, samples, limits)
     middle = np.mean(motion.ends(np.linspace(0.0, 1.0, 65)), axis=0)
@@ -87,8 +87,7 @@ def clear_slide(
     d = (q - p) / np.linalg.norm(q - p, axis=1)[:, None]
     normal = np.stack([np.interp(times, greville(motion), away[:, k]) for k in range(3)], axis=1)
     along = _along_contact(d, normal, tool)
-    places = (p[:, None] + slides[:, None] * along[:, None]).reshape(-1, 3)
-    able = free(np.ascontiguousarray(places), np.repeat(d, len(slides), axis=0)).reshape(count, -1)
+    able = free(p[:, None] + slides[:, None] * along[:, None], d)
     able[:, 1:-1] &= able[:, :-2] & able[:, 2:]
 
     worth = np.zeros((count, len(slides)))
@@ -189,7 +188,7 @@ def away_from(face: WorkFace, motion: Motion) -> Array:
 
 def greville(motion: Motion) -> Array:
     """Times at which the control points of a motion act most, shape (n,)."""
-    return np.array([motion.knots[k + 1 : k + 1 + DEGREE].mean() for k in range(len(motion.p))])
+    return np.asarray(np.mean([motion.knots[k : k + len(motion.p)] for k in range(1, DEGREE + 1)], axis=0))
 
 
 def lengthened(motion: Motion, distance: float, at_end: bool) -> Motion:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
 from conflank_cli.geometry.kernels.banded import add_rows
+from conflank_cli.geometry.kernels.cubic import basis_rows
 from conflank_cli.motion import DEGREE, Motion
 
 Array = npt.NDArray[np.float64]
@@ -31,24 +31,9 @@ class Basis(NamedTuple):
 
 def basis_at(knots: Array, t: Array) -> Basis:
     """The basis of clamped cubic knots (n + 4,) at times t (m,)."""
-    first, rows = _rows_at(knots, t, (0, 1, 2))
-    return Basis(first, *rows)
-
-
-def values_at(knots: Array, t: Array) -> tuple[IntArray, Array]:
-    """Of the basis at times t (m,) the first functions (m,) and the values (m, 4): a third of the work of all."""
-    first, (value,) = _rows_at(knots, t, (0,))
-    return first, value
-
-
-def _rows_at(knots: Array, t: Array, orders: tuple[int, ...]) -> tuple[IntArray, list[Array]]:
-    count = len(knots) - DEGREE - 1
-    first = np.clip(np.searchsorted(knots, t, side="right") - 1, DEGREE, count - 1) - DEGREE
-    # SciPy's checks take longer than the evaluation.
-    spline = BSpline.construct_fast(knots, np.eye(count), DEGREE)
-    pick = first[:, None] + np.arange(DEGREE + 1)
-    rows = [np.ascontiguousarray(np.take_along_axis(spline(t, nu=order), pick, axis=1)) for order in orders]
-    return first.astype(np.int64), rows
+    basis = Basis(np.empty(len(t), dtype=np.int64), *(np.empty((len(t), DEGREE + 1)) for _ in range(3)))
+    basis_rows(knots, t, *basis)
+    return basis
 
 
 @dataclass(frozen=True, slots=True)

@@ -213,6 +213,18 @@ class Screen:
         `slack` mm of violation is let pass, for poses that are still to be moved.
         """
         free = reachable_axes(self.job, d)
+        self._clear(p, d, tool, slack, free, WORTH_A_THREAD if parallel else len(p))
+        return free
+
+    def free_along(self, p: Array, d: Array, tool: Tool) -> BoolArray:
+        """Which poses (K, S) violate nothing: axis points p at height 0 (K, S, 3), S for each direction of d (K, 3)."""
+        count, size = p.shape[:2]
+        free = np.repeat(reachable_axes(self.job, d), size)
+        self._clear(np.ascontiguousarray(p.reshape(-1, 3)), np.repeat(d, size, axis=0), tool, 0.0, free, count * size)
+        return free.reshape(count, size)
+
+    def _clear(self, p: Array, d: Array, tool: Tool, slack: float, free: BoolArray, least: int) -> None:
+        """Take poses (M, 3) that hit something out of the free ones (M,); `least` are worth a thread."""
 
         def run(part: slice) -> None:
             for cells, margins in (
@@ -222,8 +234,7 @@ class Screen:
             ):
                 cells.clear(p[part], d[part], tool, margins.less(slack), free[part])
 
-        spread(run, len(p), WORTH_A_THREAD if parallel else len(p))
-        return free
+        spread(run, len(p), least)
 
     def allowed(self, motion: Motion, tool: Tool) -> Motion | None:
         """The longest stretch of a motion that violates nothing, or None where there is none worth a cut."""

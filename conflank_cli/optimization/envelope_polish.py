@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgError
 
 from conflank_cli.geometry.gap import GapField, gap_field, motion_gap
 from conflank_cli.geometry.kernels.gauss_newton import robust_weights
-from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved, values_at
+from conflank_cli.geometry.normal_equations import NormalEquations, basis_at, moved
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.limits import Limits
 from conflank_cli.motion import Motion
@@ -97,9 +97,9 @@ def _step(tool: Tool, motion: Motion, field: GapField, residuals: Array, say: Ar
     if total <= 0.0:
         return None
     keep = say > 1e-9 * say.max()
-    first, value = values_at(motion.knots, field.time[keep])
+    own = basis_at(motion.knots, field.time[keep])
     equations = NormalEquations.of(len(motion.p))
-    equations.add(first, value, field.rows[keep, None, :], residuals[keep, None], (say[keep] / total)[:, None])
+    equations.add(own.first, own.value, field.rows[keep, None, :], residuals[keep, None], (say[keep] / total)[:, None])
     even = basis_at(motion.knots, np.linspace(0.0, 1.0, POSES * len(motion.p)))
     AxisPath.of(motion, tool, even).add(equations, weights, FAIR, STIFF)
     try:

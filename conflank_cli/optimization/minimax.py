@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, hstack, vstack
 
 from conflank_cli.geometry.gap import GapField, gap_field
-from conflank_cli.geometry.normal_equations import Basis, basis_at, values_at
+from conflank_cli.geometry.normal_equations import Basis, basis_at
 from conflank_cli.motion import Motion
 from conflank_cli.optimization.terms import AxisPath
 from conflank_cli.tool import Tool
@@ -130,8 +130,8 @@ def _program(
     reach = NEAR * half
     above = aim.served & (gap > (stock if aim.overcut is not None else overcut) - reach)
     below = gap < -(overcut - reach)
-    up = _spread(*values_at(motion.knots, time[above]), rows[above], size)
-    down = _spread(*values_at(motion.knots, time[below]), -rows[below], size)
+    up = _spread(*basis_at(motion.knots, time[above])[:2], rows[above], size)
+    down = _spread(*basis_at(motion.knots, time[below])[:2], -rows[below], size)
     path = AxisPath.of(motion, tool, even)
     rigid = _spread(even.first, even.value, np.hstack([-path.d, path.d]), size)
     # <v, across> >= STEADY |v| for the velocity v of the middle; where that is not so already it may not get worse.

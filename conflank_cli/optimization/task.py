@@ -185,7 +185,7 @@ class Task:
                     continue
                 tried[k] = best
                 moved = move(best)
-                grown = None if moved is None else self._settled_clear(moved, WORTH * best.area)
+                grown = None if moved is None else self._settled_clear(moved)
                 if grown is not None and grown.area > WORTH * best.area and self._steady(grown.solution.motion):
                     best = grown
         return best
@@ -255,10 +255,6 @@ class Task:
         """Swept gap less allowance (N,), mm, at the samples, whatever is in the way."""
         return motion_gap(motion, self.tool, self.samples.points, self.limits.allowance)[0]
 
-    def _area(self, gaps: Array) -> float:
-        """Area that gaps leave within tolerance, mm2, overcut elsewhere aside."""
-        return float(self.samples.areas[within(gaps, self.limits)].sum())
-
     def covered(self, gaps: Array) -> BoolArray:
         """Which samples gaps leave within tolerance: none if there is overcut anywhere."""
         return np.asarray((gaps <= self.limits.under) & (gaps.min() >= -self.limits.over))
@@ -287,21 +283,20 @@ class Task:
         """The motion slid from time to time so that what is around the face is not in its way."""
         away, around = away_from(self.face, motion), self.screen.around
         slides = clear_slide(
-            motion, self.tool, self.samples, self.limits, away, lambda p, d: around.free(p, d, self.tool)
+            motion, self.tool, self.samples, self.limits, away, lambda p, d: around.free_along(p, d, self.tool)
         )
         return slid(motion, self.tool, slides, away)
 
-    def _settled_clear(self, motion: Motion, least: float = 0.0) -> _Judged | None:
+    def _settled_clear(self, motion: Motion) -> _Judged | None:
         """The motion settled, held along its contact where something would be in its way and more is covered like that.
 
-        None where the solver failed. What covers no more than `least` mm2 is of no use, and not looked at further.
+        None where the solver failed.
         """
         settled = self._settled(motion)
         if settled.failed:
             return None
         free = self._judged(settled)
-        # Held it covers no more than it would were nothing in its way.
-        if free.clear or self._area(self.unscreened(settled.motion)) <= least:
+        if free.clear:
             return free
         settled = self._settled(motion, HELD_PROXIMITY)
         held = free if settled.failed else self._judged(settled)

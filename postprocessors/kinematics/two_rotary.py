@@ -108,24 +108,21 @@ def inverse(machine: Machine, axis: Array) -> Solutions:
     """
     a, b = (rotary.direction for rotary in machine.rotary)
     spindle = np.array([0.0, 0.0, 1.0])
-    cosine_part = float(a @ (spindle - b[2] * b))
-    sine_part = float(a @ np.cross(b, spindle))
+    # R(b, second) z = parts[0] + cos(second) parts[1] + sin(second) parts[2].
+    parts = np.stack([b[2] * b, spindle - b[2] * b, np.cross(b, spindle)])
+    _, cosine_part, sine_part = (float(part) for part in parts @ a)
     rho = float(np.hypot(cosine_part, sine_part))
     level = axis @ a - b[2] * float(a @ b)
     reachable = np.abs(level) <= rho * (1.0 + REACH_SLACK)
     half = np.arctan2(np.sqrt(np.maximum((rho - level) * (rho + level), 0.0)), level)
-    base = float(np.arctan2(sine_part, cosine_part))
-    angles = np.empty((2, len(axis), 2))
-    singular = np.empty((2, len(axis)), dtype=np.bool_)
-    for branch, sign in enumerate((1.0, -1.0)):
-        second = _wrap(base + sign * half)
-        tilted = _turned(b, second, np.broadcast_to(spindle, axis.shape))
-        sine = _cross(tilted, axis) @ a
-        cosine = np.einsum("ij,ij->i", tilted, axis) - (tilted @ a) * (axis @ a)
-        angles[branch, :, 0] = np.arctan2(sine, cosine)
-        angles[branch, :, 1] = second
-        singular[branch] = np.linalg.norm(_cross(tilted, a), axis=1) < HOLD_SINE
-    return Solutions(angles, singular, reachable)
+    second = _wrap(float(np.arctan2(sine_part, cosine_part)) + np.stack([half, -half]))
+    weights = np.stack([np.ones_like(second), np.cos(second), np.sin(second)])
+    # Sine and cosine of the first angle, both times the sine of the tilt; the former is that triple product.
+    across = axis - (axis @ a)[:, None] * a
+    sine = np.einsum("kbn,kn->bn", weights, parts @ _cross(axis, a).T)
+    cosine = np.einsum("kbn,kn->bn", weights, parts @ across.T)
+    tilt = np.linalg.norm(np.einsum("kbn,kc->cbn", weights, _cross(parts, a)), axis=0)
+    return Solutions(np.stack([np.arctan2(sine, cosine), second], axis=-1), tilt < HOLD_SINE, reachable)
 
 
 def within_range(machine: Machine, axis: Array) -> Flags:
@@ -133,18 +130,15 @@ def within_range(machine: Machine, axis: Array) -> Flags:
 
     Where the first axis is along the tool axis any of its angles will do.
     """
-    solutions = inverse(machine, axis)
-    found = np.zeros(len(axis), dtype=np.bool_)
-    for angles, singular in zip(solutions.angles, solutions.singular, strict=True):
-        inside = solutions.reachable.copy()
-        for column, rotary in enumerate(machine.rotary):
-            if rotary.range_deg is not None:
-                low, high = np.radians(rotary.range_deg)
-                turned = rotary.sign * angles[:, column, None] + TURN * np.array(_turns(rotary))
-                within = ((turned >= low - RANGE_SLACK) & (turned <= high + RANGE_SLACK)).any(axis=1)
-                inside &= within | singular if column == 0 else within
-        found |= inside
-    return found
+    angles, singular, reachable = inverse(machine, axis)
+    inside = np.broadcast_to(reachable, singular.shape)
+    for column, rotary in enumerate(machine.rotary):
+        if rotary.range_deg is not None:
+            low, high = np.radians(rotary.range_deg)
+            turned = rotary.sign * angles[:, :, column] + TURN * np.array(_turns(rotary))[:, None, None]
+            within = ((turned >= low - RANGE_SLACK) & (turned <= high + RANGE_SLACK)).any(axis=0)
+            inside = inside & (within | singular if column == 0 else within)
+    return np.asarray(inside.any(axis=0))
 
 
 def tilt_all_round(machine: Machine) -> int:

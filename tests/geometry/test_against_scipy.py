@@ -1,14 +1,18 @@
-"""Evaluation against SciPy's tensor-product splines, footpoints against its least squares."""
+"""Evaluation against SciPy's splines, footpoints against its least squares."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.interpolate import NdBSpline
+from scipy.interpolate import BSpline, NdBSpline
 from scipy.optimize import least_squares
 
 from benchmarks.shapes import clamped_knots, smooth_surface
 from conflank_cli.geometry.footpoint import INTERIOR, Projector
+from conflank_cli.geometry.gap import polynomials_of, travel
+from conflank_cli.geometry.kernels.cubic import course, pose
+from conflank_cli.geometry.normal_equations import basis_at
+from conflank_cli.motion import Motion
 
 DERIVATIVES = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
 UNEVEN = np.array([0.0, 0.07, 0.2, 0.2, 0.55, 0.6, 0.6, 0.6, 0.9, 1.0])
@@ -57,3 +61,36 @@ def test_footpoints_against_least_squares(rational: bool) -> None:
             gtol=1e-15,
         )
         assert abs(np.linalg.norm(solved.fun) - abs(found.distance[k])) < 1e-9
+
+
+@pytest.fixture(params=[[], [0.3], [0.2, 0.2, 0.5], [0.1, 0.4, 0.4, 0.4, 0.9]], ids=len)
+def knots(request: pytest.FixtureRequest) -> np.ndarray:
+    """Clamped cubic knots, with inner ones repeated up to three times."""
+    return np.concatenate([np.zeros(4), request.param, np.ones(4)])
+
+
+def test_the_basis_of_a_motion_and_its_derivatives(knots: np.ndarray) -> None:
+    t = np.concatenate([knots, np.random.default_rng(23).random(50)])
+    count = len(knots) - 4
+    found = basis_at(knots, t)
+    for order, rows in enumerate((found.value, found.slope, found.bend)):
+        full = np.zeros((len(t), count))
+        np.put_along_axis(full, found.first[:, None] + np.arange(4), rows, axis=1)
+        np.testing.assert_allclose(full, BSpline(knots, np.eye(count), 3)(t, nu=order), rtol=0.0, atol=1e-11)
+
+
+def test_a_motion_as_polynomials(knots: np.ndarray) -> None:
+    rng = np.random.default_rng(24)
+    p, q = rng.normal(scale=10.0, size=(2, len(knots) - 4, 3))
+    motion = Motion(knots, p, q)
+    polynomials, breaks = polynomials_of(motion)
+    at, velocity, again = np.empty(6), np.empty(6), np.empty(6)
+    for t in [*breaks, *rng.random(50)]:
+        course.py_func(polynomials, breaks, t, at, velocity)
+        pose.py_func(polynomials, breaks, t, again)
+        np.testing.assert_allclose(at, np.hstack(motion.ends([t]))[0], rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(at, again)
+        # To the left of the end, to the right of all else.
+        np.testing.assert_allclose(velocity, np.hstack(motion.ends([t], 1))[0], rtol=0.0, atol=1e-10)
+    chords = np.linalg.norm(np.diff(motion.ends(np.linspace(0.0, 1.0, 65)), axis=1), axis=2).sum(axis=1)
+    assert travel(motion) == pytest.approx(chords.max(), rel=1e-12)

@@ -150,7 +150,9 @@ def test_gap_against_very_many_poses() -> None:
     for k in range(0, len(points), 50):
         p, q = (end[0] for end in motion.ends([time[k]]))
         arguments = (tool.r_min, sin(alpha), cos(alpha), tool.length, tool.ball_centre_height, tool.ball_radius)
-        assert cutter_distance(*points[k], *p, *((q - p) / np.linalg.norm(q - p)), *arguments) == pytest.approx(gap[k], abs=1e-9)
+        assert cutter_distance(*points[k], *p, *((q - p) / np.linalg.norm(q - p)), *arguments) == pytest.approx(
+            gap[k], abs=1e-9
+        )
 
 
 def test_gaps_beyond_reach_are_bounds() -> None:

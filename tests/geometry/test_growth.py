@@ -94,7 +94,7 @@ def test_slides_past_a_hill_as_far_as_it_has_to() -> None:
 
     def free(p: np.ndarray, d: np.ndarray) -> np.ndarray:
         np.testing.assert_allclose(d[:, 2], 1.0, atol=1e-9)
-        return p[:, 2] > hill(np.arctan2(p[:, 1], p[:, 0]))
+        return p[..., 2] > hill(np.arctan2(p[..., 1], p[..., 0]))
 
     slides = clear_slide(motion, CYLINDER, samples, LIMITS, away, free)
     height = np.maximum(hill(np.linspace(-0.62, 0.62, len(slides))), 0.0)
@@ -110,7 +110,7 @@ def test_stays_where_nothing_is_in_the_way_or_everything_is() -> None:
     motion = circular(CYLINDER, 0.0, 4.0)
     for able in (True, False):
         slides = clear_slide(
-            motion, CYLINDER, samples, LIMITS, outwards(motion, 0.0), lambda p, d, able=able: np.full(len(p), able)
+            motion, CYLINDER, samples, LIMITS, outwards(motion, 0.0), lambda p, d, able=able: np.full(p.shape[:2], able)
         )
         assert not slides.any()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from conflank_cli.geometry.kernels.footpoint import find_span
+from conflank_cli.geometry.kernels.cubic import course, pose
 
 # The search for the nearest pose ends where the distance would fall by no more than this, mm: the first by the parabola
 # there, which is then taken off, the second by its slope as far as the bracket goes, were there a kink ahead.
@@ -50,29 +50,6 @@ def cutter_distance(x, y, z, px, py, pz, dx, dy, dz, r_min, slope_sin, slope_cos
     square = rx * rx + ry * ry + rz * rz - along * along
     across = np.sqrt(square) if square > 0.0 else 0.0
     return nearest_place(along, across, r_min, slope_sin, slope_cos, length, ball_height, ball_radius)[0]
-
-
-@njit(forceinline=True)
-def pose(polynomials, breaks, t, out):
-    """Axis ends at t: polynomials (spans, 4, 6) in the span's local parameter, breaks (spans + 1,); fills out (6,)."""
-    k = find_span(breaks, t)
-    x = (t - breaks[k]) / (breaks[k + 1] - breaks[k])
-    for a in range(6):
-        out[a] = ((polynomials[k, 3, a] * x + polynomials[k, 2, a]) * x + polynomials[k, 1, a]) * x + polynomials[
-            k, 0, a
-        ]
-
-
-@njit(forceinline=True)
-def course(polynomials, breaks, t, axis, velocity):
-    """Axis ends at t and their derivatives; fills axis (6,) and velocity (6,)."""
-    k = find_span(breaks, t)
-    width = breaks[k + 1] - breaks[k]
-    x = (t - breaks[k]) / width
-    for a in range(6):
-        c1, c2, c3 = polynomials[k, 1, a], polynomials[k, 2, a], polynomials[k, 3, a]
-        axis[a] = ((c3 * x + c2) * x + c1) * x + polynomials[k, 0, a]
-        velocity[a] = ((3.0 * c3 * x + 2.0 * c2) * x + c1) / width
 
 
 @njit(forceinline=True)
