@@ -233,7 +233,8 @@ def coverage(material: Material) -> Stage:
         return Load(len(points), len(points), lambda: motion_gap(longest.motion, tool, points))
 
     def by_length(share: float) -> Load:
-        points, motion = points_of(12_000), longest.motion.restricted(0.0, share)
+        # About its middle: at its ends a sweep is half off the face, and touches less for each millimetre.
+        points, motion = points_of(12_000), longest.motion.restricted(0.5 - 0.5 * share, 0.5 + 0.5 * share)
         return Load(travel(motion), len(points), lambda: motion_gap(motion, tool, points))
 
     return Stage(
