@@ -3,9 +3,10 @@
 Run with ``python -m benchmarks.paper``; ``--only sample`` leaves the real blades out, which are looked for in
 ``../shared/parts`` beside the repository and left out where that folder is missing. Each side of a blade goes through
 detection and optimisation with T1, T2, T3 and a cylinder as thick as T1 in its middle; sweeps are chosen as the paper
-does it, the one that adds most first, and posted. Coverage, errors and times of these sweeps are those of the posted
-text, by the gap of the verification. Beside them stand sweeps that follow rulings or touch them in two and three points
-(`benchmarks.strips`), and a finish with the ball alone.
+does it, the one that adds most first, and with all tools at hand eight besides that no exchange betters, and posted.
+Coverage, errors and times of these sweeps are those of the posted text, by the gap of the verification. Beside them
+stand sweeps that follow rulings or touch them in two and three points (`benchmarks.strips`), and a finish with the ball
+alone.
 
 Figures go to benchmarks/results/paper.json, from which ``python -m benchmarks.readme`` makes the tables of
 docs/paper.md, and pictures to docs/pictures. ``--keep DIR`` keeps optimised candidates for another run.
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import repeat
@@ -32,7 +33,7 @@ from rich.console import Console
 from benchmarks.optimization import default_sweep, patch_box
 from benchmarks.paper_pictures import draw
 from benchmarks.run import PARTS, REPOSITORY
-from benchmarks.selection import FACES, Case, free_scene, optimised
+from benchmarks.selection import FACES, Case, free_scene, optimised, reachable
 from benchmarks.strips import METHODS, WAYS, Strips, Way, by_strips, cutting_seconds
 from benchmarks.tables import RESULTS
 from benchmarks.verdicts import Verdict, kept, measured, table, table_console
@@ -48,6 +49,7 @@ from conflank_cli.passes import ball_passes
 from conflank_cli.posting import post_program
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
+from conflank_cli.selection.exact import widened
 from conflank_cli.selection.judging import MOST_LIFT, POSTING, lifted
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Section, Tool
@@ -55,6 +57,8 @@ from conflank_cli.verification.verify import gaps_of, move_times, pose_program
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+Choice = Callable[[BoolArray, Array, int], list[int]]
+"""A way to choose so many rows of covers (K, N) at most, with areas (N,)."""
 
 TOLERANCE = 0.010  # mm
 LIMIT = TOLERANCE - POSTING  # mm, before posting
@@ -124,40 +128,43 @@ def _with_cylinder(case: Case) -> Case:
 
 @dataclass(frozen=True, slots=True)
 class Choosing:
-    """What sweeps are chosen with: what they must not hit, and the points of the face that they are judged on."""
+    """What sweeps are chosen with: tools by name, what they must not hit, and the points that they are judged on."""
 
+    tools: Mapping[str, Tool]
     screen: Screen
     collider: Collider
     samples: FaceSamples
 
-    def sweeps(self, candidates: Sequence[Sweep], tool: Tool, most: int) -> list[Sweep]:
-        """Sweeps of one tool that may be cut, each the one that adds most to those before (paper, section 5.3)."""
+    def sweeps(self, candidates: Sequence[Sweep], choice: Choice, most: int) -> list[Sweep]:
+        """At most so many sweeps that may be cut, by one of the ways to choose rows of covers."""
         areas = self.samples.areas
         with threads() as pool:
-            found = [item for item in pool.map(lambda sweep: self.able(sweep, tool), candidates) if item is not None]
+            found = [item for item in pool.map(self.able, candidates) if item is not None]
             cleared: set[int] = set()
             while True:
-                order = greedy_order(np.array([covered for _, covered in found]).reshape(-1, len(areas)), areas, most)
+                order = choice(np.array([covered for _, covered in found]).reshape(-1, len(areas)), areas, most)
                 chosen = [found[k][0] for k in order]
                 new = [k for k in order if k not in cleared]
                 if not new:
                     return chosen
                 # What hits something between the poses of the screen is cut short, and everything chosen again.
-                free = list(pool.map(lambda k: self.collider.allowed(found[k][0].motion, tool), new))
+                swept = [found[k][0] for k in new]
+                free = list(pool.map(lambda one: self.collider.allowed(one.motion, self.tools[one.tool]), swept))
                 for k, motion in zip(new, free, strict=True):
                     if motion is None:
                         found[k] = found[k][0], np.zeros(len(areas), dtype=np.bool_)
                     elif motion is not found[k][0].motion:
-                        found[k] = self.judged(replace(found[k][0], motion=motion), tool)
+                        found[k] = self.judged(replace(found[k][0], motion=motion))
                 cleared.update(new)
 
-    def judged(self, sweep: Sweep, tool: Tool) -> tuple[Sweep, BoolArray]:
+    def judged(self, sweep: Sweep) -> tuple[Sweep, BoolArray]:
         """A sweep, and what it covers: nothing if it overcuts anywhere."""
-        gap = motion_gap(sweep.motion, tool, self.samples.points)[0]
+        gap = motion_gap(sweep.motion, self.tools[sweep.tool], self.samples.points)[0]
         return sweep, np.asarray((gap <= LIMIT) & (gap.min() >= -LIMIT))
 
-    def able(self, sweep: Sweep, tool: Tool) -> tuple[Sweep, BoolArray] | None:
+    def able(self, sweep: Sweep) -> tuple[Sweep, BoolArray] | None:
         """What of a sweep hits nothing and overcuts nowhere, and what it covers."""
+        tool = self.tools[sweep.tool]
         motion = self.screen.allowed(sweep.motion, tool)
         if motion is None:
             return None
@@ -167,11 +174,11 @@ class Choosing:
             motion = lifted(motion, self.samples, LIFT_MORE * excess)
         elif excess > 0.0:
             motion = longest_between(motion, at[gap < -LIMIT])
-        return None if motion is None else self.judged(replace(sweep, motion=motion), tool)
+        return None if motion is None else self.judged(replace(sweep, motion=motion))
 
 
 def greedy_order(covers: BoolArray, areas: Array, most: int) -> list[int]:
-    """Rows of covers (K, N) in the order in which each adds most area, as long as it adds LEAST_GAIN of the whole."""
+    """Rows of covers (K, N), each the one that adds most area, as long as that is LEAST_GAIN of all (paper, 5.3)."""
     order: list[int] = []
     left = areas.copy()
     while len(order) < min(most, len(covers)):
@@ -182,6 +189,15 @@ def greedy_order(covers: BoolArray, areas: Array, most: int) -> list[int]:
         order.append(best)
         left[covers[best]] = 0.0
     return order
+
+
+def widest(covers: BoolArray, areas: Array, most: int) -> list[int]:
+    """As many rows as `greedy_order` gives, exchanged one for another as long as more area gets covered."""
+    order = greedy_order(covers, areas, most)
+    if not order:
+        return order
+    best = widened(covers, areas, order)
+    return [best[k] for k in greedy_order(covers[best], areas, most)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +225,13 @@ class Posted:
 
     def greedy(self, areas: Array) -> Posted:
         """The same in the order in which each adds most."""
-        order = greedy_order(self.within(), areas, MOST)
+        return self._rows(greedy_order(self.within(), areas, MOST))
+
+    def widest(self, areas: Array) -> Posted:
+        """As many of them as the paper takes that cover most."""
+        return self._rows(widest(self.within(), areas, PAPER_SWEEPS))
+
+    def _rows(self, order: list[int]) -> Posted:
         return Posted([self.sweeps[k] for k in order], self.gaps[order], self.seconds[order])
 
     def within(self) -> BoolArray:
@@ -341,27 +363,33 @@ def measure(case: Case, folder: Path | None) -> Measured:
     work = WorkFace.of(scene.faces[0], 0.0)
     samples = work.samples(work.spacing(POINTS))
     candidates = optimised(case, folder)
-    choosing = Choosing(Screen.of(scene), Collider.of(scene), samples)
+    areas = samples.areas
+    choosing = Choosing(tools, Screen.of(scene), Collider.of(scene), samples)
     chosen = {
         name: choosing.sweeps(
-            [sweep for sweep in candidates if sweep.tool == name], tool, MOST if name in CONES else PAPER_SWEEPS
+            [sweep for sweep in candidates if sweep.tool == name], greedy_order, MOST if name in CONES else PAPER_SWEEPS
         )
-        for name, tool in tools.items()
+        for name in tools
     }
-    posted = Posted.of(scene, [sweep for own in chosen.values() for sweep in own], samples)
+    best = choosing.sweeps([sweep for sweep in candidates if sweep.tool in CONES], widest, PAPER_SWEEPS)
+    posted = Posted.of(scene, [sweep for own in (*chosen.values(), best) for sweep in own], samples)
     rows = {
-        name: tool_figures(
-            WorkFace.under(scene.faces[0], tool), tool, posted.of_tools([name]).greedy(samples.areas), samples
-        )
+        name: tool_figures(WorkFace.under(scene.faces[0], tool), tool, posted.of_tools([name]).greedy(areas), samples)
         for name, tool in tools.items()
         if chosen[name]
     }
-    mixed = posted.of_tools(CONES).greedy(samples.areas)
+    mixed = posted.of_tools(CONES)
+    in_turn, eight = mixed.greedy(areas), mixed.widest(areas)
     together = {
-        "coverage": mixed.coverage(samples.areas).round(4).tolist(),
-        "tools": [sweep.tool for sweep in mixed.sweeps],
-        "cutting_seconds": [round(cutting_seconds(sweep.motion, tools[sweep.tool]), 2) for sweep in mixed.sweeps],
+        "coverage": in_turn.coverage(areas).round(4).tolist(),
+        "best": float(eight.coverage(areas)[-1].round(4)) if eight.sweeps else 0.0,
+        "tools": [sweep.tool for sweep in eight.sweeps],
+        "cutting_seconds": [round(cutting_seconds(sweep.motion, tools[sweep.tool]), 2) for sweep in eight.sweeps],
     }
+    if together["best"] < ASKED:
+        # What no number of sweeps goes beyond, but for ends of the flute.
+        cones = replace(scene, tools=tuple(tools[name] for name in CONES))
+        together["reachable"] = round(reachable(cones, 0), 4)
     own = rows.get(COMPARED.name, {"coverage": []})["coverage"]
     # As much as the paper's number of sweeps covers here is what others have to reach.
     wanted = own[min(PAPER_SWEEPS, len(own)) - 1] if own else 1.0
@@ -392,12 +420,12 @@ def verdicts(found: Sequence[dict[str, Any]]) -> list[Verdict]:
     own = [row for row in found if row["sample"]]
     asked = []
     for row in own:
-        coverage = row["together"]["coverage"]
-        reached = coverage[min(PAPER_SWEEPS, len(coverage)) - 1]
+        reached, within_reach = row["together"]["best"], row["together"].get("reachable")
+        of_it = "" if within_reach is None else f" of {100 * within_reach:.1f} in reach"
         asked.append(
             Verdict(
-                f"{row['face']}: covered by {PAPER_SWEEPS} sweeps, %", f"> {100 * ASKED:g}", f"{100 * reached:.1f}",
-                reached > ASKED,
+                f"{row['face']}: covered by {PAPER_SWEEPS} sweeps, %", f"> {100 * ASKED:g}",
+                f"{100 * reached:.1f}{of_it}", reached > ASKED,
             )
         )  # fmt: skip
     large = [sweep for row in own for tool in row["tools"].values() for sweep in tool["largest"]]

@@ -69,13 +69,19 @@ def together_table() -> str:
     """Coverage with all three tools in the drawer."""
     rows = []
     for face in _faces():
-        coverage, tools = face["together"]["coverage"], face["together"]["tools"]
-        used = tools[:PAPER_SWEEPS]
+        together = face["together"]
+        coverage, used = together["coverage"], together["tools"]
         counts = ", ".join(f"{used.count(name)} {name}" for name in dict.fromkeys(sorted(used)))
+        within_reach = together.get("reachable")
         rows.append(
-            [face["face"], *(_at(coverage, k) for k in (1, 2, 3, 4, PAPER_SWEEPS)), _for(coverage, ASKED), counts]
-        )
-    return markdown(["<face", "1", "2", "3", "4", "8 sweeps", "for 90 %", "<tools of the eight"], rows)
+            [
+                face["face"], *(_at(coverage, k) for k in (1, 2, 3, 4, PAPER_SWEEPS)), _at([together["best"]], 1),
+                "" if within_reach is None else _at([within_reach], 1), _for(coverage, ASKED), counts,
+            ]
+        )  # fmt: skip
+    return markdown(
+        ["<face", "1", "2", "3", "4", "8 sweeps", "best 8", "in reach", "for 90 %", "<tools of the best 8"], rows
+    )
 
 
 def rulings_table() -> str:

@@ -14,11 +14,14 @@ ONE_WAY_DEG = 25.0
 
 
 def represent(traced: Traced, alike: float, smallest: float, most: int) -> list[int]:
-    """Indices of sequences that represent the `most` largest families, largest area first.
+    """Indices of sequences that represent the `most` largest families, largest area first, and what these miss.
 
     Two sequences are of one family where they cover the same part of the face (intersection over union of the areas
     above `alike`) with their axes pointing the same way (mean axes within ONE_WAY_DEG). The one of a family that covers
     most stands for it. Sequences that cover less than `smallest` mm2 are left out.
+
+    Where much is in the way of long sweeps a part of the face may be left to short ones, which are not among the
+    largest: of these follow those that cover most of what none before them does, as long as that is `smallest` or more.
     """
     if not traced.sequences:
         return []
@@ -42,4 +45,11 @@ def represent(traced: Traced, alike: float, smallest: float, most: int) -> list[
         union = areas[left] + areas[k] - common
         open_ &= (common <= alike * union) | (axes[left] @ axes[k] <= np.cos(np.radians(ONE_WAY_DEG)))
         open_[first] = False
-    return chosen
+    missed = traced.cell_areas * ~traced.cells[chosen].any(axis=0)
+    while True:
+        gains = traced.cells @ missed
+        best = int(np.argmax(gains))
+        if gains[best] <= 0.0 or gains[best] < smallest:
+            return chosen
+        chosen.append(best)
+        missed[traced.cells[best]] = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import whole
-from benchmarks.paper import CYLINDER, MOST, Posted, greedy_order, spread
+from benchmarks.paper import CYLINDER, MOST, Posted, greedy_order, spread, widest
 from benchmarks.strips import METHODS, bands, by_strips, cutting_seconds, gap_of
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
@@ -78,6 +78,16 @@ def test_sweeps_are_put_in_the_order_in_which_each_adds_most() -> None:
     assert greedy_order(covers, areas, MOST) == [1, 0]  # the third adds nothing any more
     assert greedy_order(covers, areas, 1) == [1]
     assert greedy_order(np.zeros((0, 4), dtype=np.bool_), areas, MOST) == []
+
+
+def test_an_exchange_covers_more_than_the_largest_first() -> None:
+    """The largest is in the middle; the two at its sides cover all."""
+    areas = np.ones(10)
+    covers = np.zeros((3, 10), dtype=np.bool_)
+    covers[0, 2:8] = covers[1, :5] = covers[2, 5:] = True
+    assert greedy_order(covers, areas, 2) == [0, 1]
+    assert sorted(widest(covers, areas, 2)) == [1, 2]
+    assert widest(covers[:0], areas, 2) == []
 
 
 def test_what_a_later_sweep_gouges_is_not_covered() -> None:

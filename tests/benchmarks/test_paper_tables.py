@@ -27,7 +27,7 @@ FACE = {
     "face": "impeller, suction",
     "tools": {"T1": {"coverage": [0.5, 0.8, 0.92], "cutting_seconds": [2.0, 3.0, 4.0], "largest": [SWEEP, SWEEP]}},
     "cylinder": {"coverage": [0.4, 0.6]},
-    "together": {"coverage": [0.6, 0.91], "tools": ["T3", "T1"]},
+    "together": {"coverage": [0.6, 0.91], "best": 0.89, "reachable": 0.953, "tools": ["T3", "T1"]},
     "methods": {"following the rulings": strips(0.1, 0.2, 0.3, 0.95), "two points": strips(0.2, 0.7, 0.6, 0.5)},
     "ball": {"cutting_seconds": 300.0, "coverage": 0.991},
 }
@@ -48,7 +48,7 @@ def test_sweeps_are_counted_and_their_errors_joined() -> None:
         "impeller, suction", "T1", "92.0", "92.0", "3", "1.00", "-0.50", "-4.0 … 5.0", "2.00", "+0.50", "-6.0 … 9.0",
         "3.0", "50",
     ]  # fmt: skip
-    assert row(paper_tables.together_table())[-2:] == ["2", "1 T1, 1 T3"]
+    assert row(paper_tables.together_table())[-4:] == ["89.0", "95.3", "2", "1 T1, 1 T3"]
     assert row(paper_tables.impeller_table())[2:5] == ["1", "40.0", "1.00"]
 
 

@@ -276,7 +276,9 @@ def test_one_sequence_stands_for_a_family() -> None:
     assert represent(traced, 0.9, 3.0, 9) == [1, 2, 3, 0]
     assert represent(traced, 0.75, 0.0, 9) == [1, 2, 3, 4]
     assert represent(Traced((), np.zeros((0, 10), dtype=np.bool_), np.full(10, 2.0)), 0.75, 3.0, 9) == []
-    assert represent(traced, 0.75, 0.0, 2) == [1, 2]
+    # One more than asked for: nothing else covers the last cells, where they are worth a sweep.
+    assert represent(traced, 0.75, 0.0, 2) == [1, 2, 3]
+    assert represent(traced, 0.75, 8.5, 2) == [1, 2]
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.5, 0.75, 0.9]))
@@ -301,3 +303,19 @@ def test_no_family_is_lost(seed: int, alike: float) -> None:
     for k in range(count):
         if areas[cells[k]].sum() >= 2.0:
             assert k in chosen or any(same(k, c) for c in chosen)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5))
+def test_no_part_of_a_face_is_lost(seed: int, most: int) -> None:
+    """However few families are kept, no sequence covers much that is not covered by those that are."""
+    rng = np.random.default_rng(seed)
+    cells = rng.random((30, 40)) < rng.uniform(0.05, 0.4, (30, 1))
+    areas = rng.uniform(0.5, 2.0, 40)
+    one = Sequence(np.zeros((4, 3)), np.tile([0.0, 0.0, 1.0], (4, 1)), np.zeros((4, 1)), np.ones((4, 1)))
+    chosen = represent(Traced((one,) * 30, cells, areas), 0.75, 3.0, most)
+    assert len(set(chosen)) == len(chosen)
+    left = areas * ~cells[chosen].any(axis=0)
+    assert (cells @ left).max() < 3.0
+    # What was added had to be.
+    for count in range(most, len(chosen)):
+        assert areas[cells[chosen[count]] & ~cells[chosen[:count]].any(axis=0)].sum() >= 3.0
