@@ -176,7 +176,7 @@ class Task:
 
     def _grown(self, best: _Judged) -> _Judged:
         """The solution after the moves that let it cover more: sliding, going on at either end."""
-        moves = (self._slid, self._out_of_the_way, self._continued_at_start, self._continued_at_end)
+        moves = (self._slid, self._continued_at_start, self._continued_at_end)
         tried: dict[int, _Judged] = {}
         for _ in range(ROUNDS):
             # Each move starts from what those before it have gained, and from nothing twice.
@@ -261,11 +261,10 @@ class Task:
 
     def _slid(self, best: _Judged) -> Motion | None:
         motion = best.solution.motion
+        if not best.clear:
+            return self._cleared(motion)
         slides = best_slide(motion, self.tool, self.samples, self.limits)
         return slid(motion, self.tool, slides, away_from(self.face, motion)) if slides.any() else None
-
-    def _out_of_the_way(self, best: _Judged) -> Motion | None:
-        return None if best.clear else self._cleared(best.solution.motion)
 
     def _continued_at_start(self, best: _Judged) -> Motion | None:
         there = np.mean(best.solution.field.on[0] > 0.5) > STILL_ON_FACE
