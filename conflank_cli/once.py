@@ -23,3 +23,11 @@ class Once(Generic[Made]):
             if not self._made:
                 self._made.append(self._make())
             return self._made[0]
+
+    def __reduce__(self) -> tuple[Callable[[Made], Once[Made]], tuple[Made]]:
+        """Another process is handed the value itself: what makes it may not be able to go there."""
+        return _made, (self(),)
+
+
+def _made(value: Made) -> Once[Made]:
+    return Once(lambda: value)

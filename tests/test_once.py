@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 import time
 
@@ -40,3 +41,11 @@ def test_what_could_not_be_made_is_tried_again() -> None:
     with pytest.raises(ValueError, match="not yet"):
         once()
     assert once() is None and once() is None
+
+
+def test_another_process_is_handed_what_was_made() -> None:
+    """What makes it, a lambda, could not be."""
+    once = Once(lambda: [1, 2])
+    again = pickle.loads(pickle.dumps(once))
+    assert again() == [1, 2] == once()
+    assert again() is again()

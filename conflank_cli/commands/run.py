@@ -21,7 +21,6 @@ LATER = (
     "conflank_cli.selection",
     "conflank_cli.posting",
     "conflank_cli.verification.verify",
-    "conflank_cli.report.document",
 )
 """What is imported beside detection."""
 
