@@ -192,7 +192,7 @@ def greedy_order(covers: BoolArray, areas: Array, most: int) -> list[int]:
 
 
 def widest(covers: BoolArray, areas: Array, most: int) -> list[int]:
-    """As many rows as `greedy_order` gives, exchanged one for another as long as more area gets covered."""
+    """At most as many rows as `greedy_order` gives, exchanged one for another as long as more area gets covered."""
     order = greedy_order(covers, areas, most)
     if not order:
         return order
@@ -220,19 +220,19 @@ class Posted:
 
     def of_tools(self, names: Sequence[str]) -> Posted:
         """Only the sweeps of some tools."""
-        own = [k for k, sweep in enumerate(self.sweeps) if sweep.tool in names]
-        return Posted([self.sweeps[k] for k in own], self.gaps[own], self.seconds[own])
+        return self._rows([k for k, sweep in enumerate(self.sweeps) if sweep.tool in names])
 
     def greedy(self, areas: Array) -> Posted:
         """The same in the order in which each adds most."""
         return self._rows(greedy_order(self.within(), areas, MOST))
 
-    def widest(self, areas: Array) -> Posted:
-        """As many of them as the paper takes that cover most."""
-        return self._rows(widest(self.within(), areas, PAPER_SWEEPS))
+    def first(self, count: int) -> tuple[Posted, Posted]:
+        """The first so many, and the others."""
+        return self._rows(range(count)), self._rows(range(count, len(self.sweeps)))
 
-    def _rows(self, order: list[int]) -> Posted:
-        return Posted([self.sweeps[k] for k in order], self.gaps[order], self.seconds[order])
+    def _rows(self, rows: Sequence[int]) -> Posted:
+        index = np.array(rows, dtype=np.int64)
+        return Posted([self.sweeps[k] for k in rows], self.gaps[index], self.seconds[index])
 
     def within(self) -> BoolArray:
         """(K, N), what each covers."""
@@ -372,16 +372,16 @@ def measure(case: Case, folder: Path | None) -> Measured:
         for name in tools
     }
     best = choosing.sweeps([sweep for sweep in candidates if sweep.tool in CONES], widest, PAPER_SWEEPS)
-    posted = Posted.of(scene, [sweep for own in (*chosen.values(), best) for sweep in own], samples)
+    in_turn = [sweep for own in chosen.values() for sweep in own]
+    posted, posted_best = Posted.of(scene, [*in_turn, *best], samples).first(len(in_turn))
     rows = {
         name: tool_figures(WorkFace.under(scene.faces[0], tool), tool, posted.of_tools([name]).greedy(areas), samples)
         for name, tool in tools.items()
         if chosen[name]
     }
-    mixed = posted.of_tools(CONES)
-    in_turn, eight = mixed.greedy(areas), mixed.widest(areas)
+    mixed, eight = posted.of_tools(CONES).greedy(areas), posted_best.greedy(areas)
     together = {
-        "coverage": in_turn.coverage(areas).round(4).tolist(),
+        "coverage": mixed.coverage(areas).round(4).tolist(),
         "best": float(eight.coverage(areas)[-1].round(4)) if eight.sweeps else 0.0,
         "tools": [sweep.tool for sweep in eight.sweeps],
         "cutting_seconds": [round(cutting_seconds(sweep.motion, tools[sweep.tool]), 2) for sweep in eight.sweeps],

@@ -71,8 +71,9 @@ def reachable_axes(job: Job, axes: Array) -> BoolArray:
 
     On every copy that is cut.
     """
-    every = np.concatenate([axes @ rotation.T for rotation in _copied(job.setup)])
-    return np.asarray(within_range(machine_of(job), every).reshape(-1, len(axes)).all(axis=0))
+    rotations = _copied(job.setup)
+    every = np.concatenate([axes @ rotation.T for rotation in rotations])
+    return np.asarray(within_range(machine_of(job), every).reshape(len(rotations), len(axes)).all(axis=0))
 
 
 @lru_cache(maxsize=8)

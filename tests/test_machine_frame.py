@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from conflank_cli.job import Setup
+from conflank_cli.job import Copies, Setup
 from conflank_cli.machine_frame import Frame, machine_of, reachable_axes
 from tests.verification.scenes import plane_face, scene_of
 
@@ -38,4 +38,18 @@ def test_reach_is_judged_on_the_table_not_in_the_part() -> None:
     np.testing.assert_array_equal(reachable_axes(JOB, axes), [True, False, True])
     turned = msgspec.structs.replace(JOB, setup=Setup(rotate_deg=(180.0, 0.0, 0.0)))
     np.testing.assert_array_equal(reachable_axes(turned, axes), [False, True, True])
+    assert reachable_axes(turned, axes[:0]).shape == (0,)
+
+
+def test_reach_is_that_of_every_copy() -> None:
+    """Leaning by 120 degrees towards y is in reach there, and on the copy a half turn on leans the other way."""
+    lean = np.radians(115.0)
+    axes = np.array([[0.0, np.sin(lean), np.cos(lean)], [0.0, -np.sin(lean), np.cos(lean)], [0.0, 0.0, 1.0]])
+    tipped = Setup(rotate_deg=(60.0, 0.0, 0.0))
+    alone = reachable_axes(msgspec.structs.replace(JOB, setup=tipped), axes)
+    both = msgspec.structs.replace(tipped, copies=Copies(count=2))
+    one = msgspec.structs.replace(tipped, copies=Copies(count=2, only=(1,)))
+    other = reachable_axes(msgspec.structs.replace(JOB, setup=one), axes)
+    assert alone.tolist() != other.tolist()
+    np.testing.assert_array_equal(reachable_axes(msgspec.structs.replace(JOB, setup=both), axes), alone & other)
     assert machine_of(JOB).name == "ac-table"

@@ -31,7 +31,7 @@ class Density:
     """How densely a face is searched.
 
     contacts: contact points on a face, about. heights: places on the flute, as fractions of it. alike: overlap above
-    which two sequences are one family. families: the most that are kept.
+    which two sequences are one family. families: so many of the largest are kept, and those that cover what these miss.
     """
 
     contacts: int

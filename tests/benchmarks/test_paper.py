@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import whole
-from benchmarks.paper import CYLINDER, MOST, Posted, greedy_order, spread, widest
+from benchmarks.paper import CYLINDER, MOST, Posted, greedy_order, spread, verdicts, widest
 from benchmarks.strips import METHODS, bands, by_strips, cutting_seconds, gap_of
 from conflank_cli.geometry.surface import BSplineSurface
 from conflank_cli.geometry.workface import WorkFace
@@ -96,7 +96,28 @@ def test_what_a_later_sweep_gouges_is_not_covered() -> None:
     np.testing.assert_allclose(found.coverage(np.array([3.0, 1.0])), [0.75, 0.25])
     ordered = found.greedy(np.array([3.0, 1.0]))
     assert [sweep.tool for sweep in ordered.sweeps] == ["T1", "T2"]
-    assert len(posted([[0.0, 0.1], [0.1, 0.0], [0.0, 0.0]]).of_tools(["T1"]).sweeps) == 2
+    three = posted([[0.0, 0.1], [0.1, 0.0], [0.0, 0.0]])
+    assert len(three.of_tools(["T1"]).sweeps) == 2
+    one, others = three.first(1)
+    assert [sweep.tool for sweep in one.sweeps] == ["T1"] and [sweep.tool for sweep in others.sweeps] == ["T2", "T1"]
+    np.testing.assert_array_equal(others.gaps, three.gaps[1:])
+    assert three.first(3)[1].gaps.shape == (0, 2)
+
+
+def test_a_coverage_that_is_missed_stands_beside_what_is_in_reach() -> None:
+    sweep = {"epsilon_um": {"mean_abs": 2.0}, "rulings_epsilon_um": {"mean_abs": 50.0}}
+    tools = {"T1": {"largest": [sweep]}}
+    rows = [
+        {"face": "a", "sample": True, "tools": tools, "together": {"best": 0.934}},
+        {"face": "b", "sample": True, "tools": tools, "together": {"best": 0.8, "reachable": 0.873}},
+        {"face": "c", "sample": False, "tools": tools, "together": {"best": 0.1}},
+    ]
+    found = verdicts(rows)
+    assert [(verdict.found, verdict.reached) for verdict in found[:2]] == [
+        ("93.4", True),
+        ("80.0 of 87.3 in reach", False),
+    ]
+    assert len(found) == 5
 
 
 def test_errors_are_stated_by_area_with_their_sign() -> None:

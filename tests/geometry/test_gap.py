@@ -202,7 +202,7 @@ def test_the_gradient_is_that_of_the_gap(tool: Tool) -> None:
     across = np.linalg.norm(points - start - along[:, None] * axis, axis=1)
     # Deep inside, cone and top may be equally near at the best pose: the other kink.
     cone = (across - tool.r_min) * cos(tool.half_angle) - along * sin(tool.half_angle)
-    smooth &= np.abs(cone - (along - tool.length)) > 1e-3
+    smooth &= np.abs(cone - (along - tool.length)) > 1e-4
     assert smooth.mean() > 0.95
     p_change, q_change = Motion(motion.knots, change[:, :3], change[:, 3:]).ends(field.time)
     expected = np.einsum("nk,nk->n", field.rows, np.hstack([p_change, q_change]))
@@ -222,3 +222,34 @@ def test_a_gap_looked_for_near_its_time_is_that_of_the_whole_motion() -> None:
     near = gap_field(shifted, case.tool, points, start=whole.time)
     np.testing.assert_allclose(near.gap, motion_gap(shifted, case.tool, points)[0], atol=1e-9)
     assert np.abs(near.time - whole.time).max() > 1e-4
+
+
+@pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
+def test_a_gap_is_the_same_whatever_was_looked_for_before(tool: Tool) -> None:
+    """Deep inside too, where cone and top take turns: what one search learns may not spoil the next."""
+    rng = np.random.default_rng(31)
+    count = 7
+    p = np.stack([np.linspace(0.0, 25.0, count), *rng.normal(scale=0.4, size=(2, count))], axis=1)
+    d = rng.normal(scale=0.06, size=(count, 3)) + np.array([0.0, 0.1, 1.0])
+    motion = Motion(uniform_knots(count), p, p + tool.length * d / np.linalg.norm(d, axis=1)[:, None])
+    points = rng.uniform([-2.0, -8.0, -5.0], [27.0, 8.0, tool.length + 3.0], (3000, 3))
+    gap, time = motion_gap(motion, tool, points, reach=10.0)
+    start = np.clip(time + rng.uniform(-0.01, 0.01, len(time)), 0.0, 1.0)
+    near = gap_field(motion, tool, points, start=start)
+    order = rng.permutation(len(points))
+    again = gap_field(motion, tool, points[order], start=start[order])
+    # Two valleys next to each other may be told apart by where a search begins.
+    assert np.quantile(np.abs(near.gap - gap)[gap < 10.0], 0.999) < 1e-7
+    assert np.quantile(np.abs(again.gap - near.gap[order]), 0.999) < 1e-7
+
+
+def test_a_tool_that_plunges_comes_nearest_to_what_is_on_its_axis_where_it_is_deepest() -> None:
+    tool = CATALOGUE["T1"]
+    z = np.array([0.0, -4.0, -9.2, -8.8, -4.0, 0.8])
+    p = np.stack([0.0 * z, 0.0 * z, z], axis=1)
+    motion = Motion(uniform_knots(6), p, p + np.array([0.0, 0.0, tool.length]))
+    deepest = motion.ends(np.linspace(0.0, 1.0, 200_001))[0][:, 2].min()
+    gap, time = motion_gap(motion, tool, np.array([[0.0, 0.0, -15.0], [1e-3, 0.0, -15.0]]), reach=50.0)
+    assert gap[0] == pytest.approx(deepest + tool.tip_height + 15.0, abs=1e-9)
+    assert gap[1] == pytest.approx(gap[0], abs=1e-6)
+    assert motion.ends(time)[0][:, 2] == pytest.approx(deepest, abs=1e-9)

@@ -274,3 +274,16 @@ def test_axes_out_of_reach_are_trimmed_off() -> None:
     start = allowed.ends([0.0])[0][0, 0]
     assert 7.5 - 1e-6 <= start <= 7.5 + STEP
     assert allowed.ends([1.0])[0][0, 0] == pytest.approx(30.0, abs=1e-9)
+
+
+def test_many_poses_of_one_direction_are_free_where_each_is() -> None:
+    """Some hit the wall, some the plate, and one direction is out of the machine's reach."""
+    screen = Screen.of(scene_of(PLATE, tools=(TOOL,), check=wall(20.0, (5.0, 15.0))))
+    rng = np.random.default_rng(5)
+    p = rng.uniform([10.0, -5.0, 1.0], [30.0, 5.0, 8.0], (6, 40, 3))
+    d = np.stack([rng.normal(0.0, 0.1, 6), rng.normal(0.0, 0.1, 6), np.ones(6)], axis=1)
+    d[4] = [0.0, 0.3, -1.0]
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    each = screen.free(p.reshape(-1, 3), np.repeat(d, 40, axis=0), TOOL).reshape(6, 40)
+    np.testing.assert_array_equal(screen.free_along(p, d, TOOL), each)
+    assert not each[4].any() and 0.1 < each.mean() < 0.9

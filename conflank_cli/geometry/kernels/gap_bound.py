@@ -50,7 +50,7 @@ SPARE = 1.02
 
 @njit(forceinline=True)
 def _moving_pose(polynomials, breaks, t, out):
-    """p, unit axis d and their derivatives at t into out (12,); the motion as in `swept_gap.pose`."""
+    """p, unit axis d and their derivatives at t into out (12,); the motion as in `cubic.pose`."""
     k = find_span(breaks, t)
     scale = 1.0 / (breaks[k + 1] - breaks[k])
     x = (t - breaks[k]) * scale
@@ -387,7 +387,7 @@ def bounded_cells(
 
     breaks_u, breaks_v, coefficients: the surface (`Spans`). roots (N, 2) int: span of each root cell, places (N, 4):
     its local a0, a1, b0, b1. vertices (M, 2), starts (K + 1,): the loops, as in `polygon.is_inside`.
-    polynomials, breaks: the motion as in `swept_gap.pose`; poses (samples + 1, 12): at equal times; bends (samples,):
+    polynomials, breaks: the motion as in `cubic.pose`; poses (samples + 1, 12): at equal times; bends (samples,):
     between two of them the second derivative of a distance by t is at least minus that. motion_bounds (3,): largest
     speeds by t of the contact, of heights on the axis, and turn of the axis. cutter (6,) as in `swept_gap`. limits
     (3,): over, under, allowance. aims (5,): how much a bound may be above what has been found, mm, and as a share of a

@@ -75,8 +75,6 @@ def distance_and_slope(x, y, z, axis, velocity, cutter):
     wz = rz - along * dz
     across = np.sqrt(wx * wx + wy * wy + wz * wz)
     f, h, out = nearest_place(along, across, cutter[0], cutter[1], cutter[2], cutter[3], cutter[4], cutter[5])
-    if across < 1e-9:
-        return f, 0.0
     # How the direction of the axis turns, but for what it does along itself.
     tx = (velocity[3] - velocity[0]) * norm
     ty = (velocity[4] - velocity[1]) * norm
@@ -85,11 +83,13 @@ def distance_and_slope(x, y, z, axis, velocity, cutter):
     tx -= stretch * dx
     ty -= stretch * dy
     tz -= stretch * dz
-    # The normal of the cutter there, n = (up d + beyond w) / length: on the disc it is the axis.
+    # The normal of the cutter there, n = (up d + beyond w) / length: on the disc it is the axis. Inside a cone there is
+    # none on the axis.
+    inverse = 1.0 / across if across > 1e-9 else 0.0
     up, beyond, length = 1.0, 0.0, 1.0
-    if across != out:
+    if across != out or h != cutter[3]:
         up = along - h
-        beyond = (across - out) / across
+        beyond = (across - out) * inverse
         length = np.sqrt(up * up + (across - out) ** 2)
         if length < 1e-12:
             return f, 0.0
@@ -98,16 +98,16 @@ def distance_and_slope(x, y, z, axis, velocity, cutter):
     mz = velocity[2] + h * tz
     turn = wx * tx + wy * ty + wz * tz
     forth = up * (mx * dx + my * dy + mz * dz) + beyond * (wx * mx + wy * my + wz * mz)
-    return f, (out * up * turn / across - forth) / length
+    return f, (out * up * turn * inverse - forth) / length
 
 
 @njit(cache=True, nogil=True)
 def nearest_between(polynomials, breaks, low, high, t, bend, x, y, z, cutter, axis, velocity):
     """(least distance, its time, second derivative there) of a point over poses from low to high, from t among them.
 
-    bend: about what the second derivative of the distance by time is; 0 where nothing is known. The derivative is
-    brought to 0 by secants within the times where it has either sign, which are halved where those converge slowly;
-    axis (6,) and velocity (6,) are overwritten.
+    bend: about what the second derivative of the distance by time is; 0, there and in what is returned, where it is not
+    known. The derivative is brought to 0 by secants within the times where it has either sign, which are halved where
+    those converge slowly. axis (6,) and velocity (6,) are overwritten.
     """
     first, last = low, high
     looked_low = looked_high = False
@@ -129,15 +129,15 @@ def nearest_between(polynomials, breaks, low, high, t, bend, x, y, z, cutter, ax
             break
         if step > 0 and (slope - slope_before) * (t - before) > 0.0:
             bend = (slope - slope_before) / (t - before)
-        elif bend <= 0.0:
-            # Nothing is known yet: a step that may well end on the other side.
+        elif step > 0 or bend <= 0.0:
+            # Nothing is known, or not here: a step that may well end on the other side.
             bend = abs(slope) / (0.1 * (last - first))
         ahead = t - low if slope > 0.0 else high - t
         before, slope_before = t, slope
         t -= slope / bend
         fall = 0.5 * slope * slope / bend
         if fall < STILL and abs(slope) * ahead < SURE and low < t < high:
-            return (f - fall, t, bend) if f - fall < best else (best, where, bend)
+            return (f - fall, t, bend) if f - fall < best else (best, where, 0.0)
         patience -= 1
         if patience == 0:
             if looked_low and looked_high and high - low > 0.5 * width:
@@ -148,7 +148,7 @@ def nearest_between(polynomials, breaks, low, high, t, bend, x, y, z, cutter, ax
             t = 0.5 * (low + high) if looked_low else low
         elif t >= high:
             t = 0.5 * (low + high) if looked_high else high
-    return best, where, bend
+    return best, where, 0.0
 
 
 @njit(forceinline=True)
