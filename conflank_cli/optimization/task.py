@@ -41,7 +41,7 @@ SETTLE_PROXIMITY = 0.01
 # many times, since what it slides past changes as it settles.
 HELD_PROXIMITY, CLEARINGS = 100.0, 2
 # Rounds of growth, the length a sweep is continued by in one, mm, and the gain in area that makes one worth it.
-ROUNDS, LENGTHEN, WORTH = 4, 4.0, 1.003
+ROUNDS, LENGTHEN, WORTH = 8, 4.0, 1.003
 # A sweep that keeps less than this share of its area when it is screened is tried again, slid along its axis by so
 # much, mm: the tool then stands less or more deeply in the passage, and cuts with another part of its flute.
 KEPT = 0.9
