@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.cover import greedy_cover
 from conflank_cli.detection.tracing import Traced
 
 Array = npt.NDArray[np.float64]
@@ -46,10 +47,7 @@ def represent(traced: Traced, alike: float, smallest: float, most: int) -> list[
         open_ &= (common <= alike * union) | (axes[left] @ axes[k] <= np.cos(np.radians(ONE_WAY_DEG)))
         open_[first] = False
     missed = traced.cell_areas * ~traced.cells[chosen].any(axis=0)
-    while True:
-        gains = traced.cells @ missed
-        best = int(np.argmax(gains))
-        if gains[best] <= 0.0 or gains[best] < smallest:
-            return chosen
-        chosen.append(best)
-        missed[traced.cells[best]] = 0.0
+    if not missed.any():
+        return chosen
+    no_errors = np.zeros(len(traced.cells))
+    return chosen + greedy_cover(traced.cells, missed, no_errors, 1.0, smallest / float(missed.sum()))

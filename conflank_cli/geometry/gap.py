@@ -48,12 +48,15 @@ def motion_gap(
     Where it is above `reach` it is only bounded from above, by the sampled poses. `step` is that of the first look, mm:
     a motion that slows down and turns at an end has minima closer together than the usual one can tell.
     """
+    return _whole(*polynomials_of(motion), cutter_of(tool), np.ascontiguousarray(points), allowance, reach, step)
+
+
+def _whole(
+    polynomials: Array, breaks: Array, cutter: Array, points: Array, allowance: float, reach: float, step: float
+) -> tuple[Array, Array]:
     gap, time = np.empty(len(points)), np.empty(len(points))
-    polynomials, breaks = polynomials_of(motion)
-    swept_gap(
-        polynomials, breaks, _looks(polynomials, breaks, step), np.ascontiguousarray(points), allowance + reach,
-        cutter_of(tool), gap, time,
-    )  # fmt: skip
+    looks = _looks(polynomials, breaks, step)
+    swept_gap(polynomials, breaks, looks, points, allowance + reach, cutter, gap, time)
     return gap - allowance, time
 
 
@@ -69,7 +72,7 @@ def gap_field(
     cutter, points = cutter_of(tool), np.ascontiguousarray(points)
     rows = np.empty((len(points), 6))
     if start is None:
-        gap, time = motion_gap(motion, tool, points, allowance, reach)
+        gap, time = _whole(polynomials, breaks, cutter, points, allowance, reach, STEP)
     else:
         gap, time = np.empty(len(points)), start.copy()
         swept_gap_near(polynomials, breaks, 1.0 / _looks(polynomials, breaks, STEP), points, cutter, gap, time)

@@ -176,18 +176,23 @@ def test_travel_is_the_longer_path() -> None:
     assert travel(Motion(knots, 2.0 * line, line)) == pytest.approx(20.0, abs=1e-9)
 
 
+def wandering(rng: np.random.Generator, length: float) -> Motion:
+    """25 mm along x, to and fro by tenths of a millimetre and some degrees, the ends of the axis so far apart."""
+    count = 7
+    p = np.stack([np.linspace(0.0, 25.0, count), *rng.normal(scale=0.4, size=(2, count))], axis=1)
+    d = rng.normal(scale=0.06, size=(count, 3)) + np.array([0.0, 0.1, 1.0])
+    return Motion(uniform_knots(count), p, p + length * d / np.linalg.norm(d, axis=1)[:, None])
+
+
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
 def test_the_gradient_is_that_of_the_gap(tool: Tool) -> None:
     """Every part of the cutter against central differences, at points that are not at a kink between two parts."""
     rng = np.random.default_rng(11)
-    count = 7
-    p = np.stack([np.linspace(0.0, 25.0, count), *rng.normal(scale=0.4, size=(2, count))], axis=1)
-    d = rng.normal(scale=0.06, size=(count, 3)) + np.array([0.0, 0.1, 1.0])
     # The ends need not be L apart: the gradient knows what that does to the direction.
-    motion = Motion(uniform_knots(count), p, p + (tool.length + 0.2) * d / np.linalg.norm(d, axis=1)[:, None])
+    motion = wandering(rng, tool.length + 0.2)
     points = rng.uniform([2.0, -8.0, -5.0], [23.0, 8.0, tool.length + 6.0], (3000, 3))
     field = gap_field(motion, tool, points, reach=10.0)
-    change, step = rng.normal(size=(count, 6)), 1e-6
+    change, step = rng.normal(size=(len(motion.p), 6)), 1e-6
 
     def gap(factor: float) -> np.ndarray:
         moved = Motion(motion.knots, motion.p + factor * change[:, :3], motion.q + factor * change[:, 3:])
@@ -228,10 +233,7 @@ def test_a_gap_looked_for_near_its_time_is_that_of_the_whole_motion() -> None:
 def test_a_gap_is_the_same_whatever_was_looked_for_before(tool: Tool) -> None:
     """Deep inside too, where cone and top take turns: what one search learns may not spoil the next."""
     rng = np.random.default_rng(31)
-    count = 7
-    p = np.stack([np.linspace(0.0, 25.0, count), *rng.normal(scale=0.4, size=(2, count))], axis=1)
-    d = rng.normal(scale=0.06, size=(count, 3)) + np.array([0.0, 0.1, 1.0])
-    motion = Motion(uniform_knots(count), p, p + tool.length * d / np.linalg.norm(d, axis=1)[:, None])
+    motion = wandering(rng, tool.length)
     points = rng.uniform([-2.0, -8.0, -5.0], [27.0, 8.0, tool.length + 3.0], (3000, 3))
     gap, time = motion_gap(motion, tool, points, reach=10.0)
     start = np.clip(time + rng.uniform(-0.01, 0.01, len(time)), 0.0, 1.0)

@@ -18,7 +18,6 @@ def basis_rows(knots, t, first, value, slope, bend):
     """
     count = knots.shape[0] - 4
     inner = knots[3 : count + 1]
-    two = np.empty(3)
     for i in range(t.shape[0]):
         x = t[i]
         k = 3 + find_span(inner, x)
@@ -32,22 +31,22 @@ def basis_rows(knots, t, first, value, slope, bend):
         width = b0 - a2
         one0, one1 = (b0 - x) / width, (x - a2) / width
         left, right = b0 - a1, b1 - a2
-        two[0] = (b0 - x) / left * one0
-        two[1] = (x - a1) / left * one0 + (b1 - x) / right * one1
-        two[2] = (x - a2) / right * one1
+        two0 = (b0 - x) / left * one0
+        two1 = (x - a1) / left * one0 + (b1 - x) / right * one1
+        two2 = (x - a2) / right * one1
         # First derivatives of degree 2, from degree 1; then degree 3 in the same way.
         d0 = -2.0 / left * one0
         d1 = 2.0 / left * one0 - 2.0 / right * one1
         d2 = 2.0 / right * one1
         w0, w1, w2 = b0 - a0, b1 - a1, b2 - a2
-        value[i, 0] = (b0 - x) / w0 * two[0]
-        value[i, 1] = (x - a0) / w0 * two[0] + (b1 - x) / w1 * two[1]
-        value[i, 2] = (x - a1) / w1 * two[1] + (b2 - x) / w2 * two[2]
-        value[i, 3] = (x - a2) / w2 * two[2]
-        slope[i, 0] = -3.0 / w0 * two[0]
-        slope[i, 1] = 3.0 / w0 * two[0] - 3.0 / w1 * two[1]
-        slope[i, 2] = 3.0 / w1 * two[1] - 3.0 / w2 * two[2]
-        slope[i, 3] = 3.0 / w2 * two[2]
+        value[i, 0] = (b0 - x) / w0 * two0
+        value[i, 1] = (x - a0) / w0 * two0 + (b1 - x) / w1 * two1
+        value[i, 2] = (x - a1) / w1 * two1 + (b2 - x) / w2 * two2
+        value[i, 3] = (x - a2) / w2 * two2
+        slope[i, 0] = -3.0 / w0 * two0
+        slope[i, 1] = 3.0 / w0 * two0 - 3.0 / w1 * two1
+        slope[i, 2] = 3.0 / w1 * two1 - 3.0 / w2 * two2
+        slope[i, 3] = 3.0 / w2 * two2
         bend[i, 0] = -3.0 / w0 * d0
         bend[i, 1] = 3.0 / w0 * d0 - 3.0 / w1 * d1
         bend[i, 2] = 3.0 / w1 * d1 - 3.0 / w2 * d2

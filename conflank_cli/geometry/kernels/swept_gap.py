@@ -230,15 +230,15 @@ def swept_gap(polynomials, breaks, samples, points, reach, cutter, gap, time):
             continue
         before = max(where - 1, 0)
         after = min(where + 1, samples)
-        # At an end this is the end itself, and what the distance bends is not known.
-        bend = rise = 0.0
+        here, low, high = min(where * step, 1.0), before * step, min(after * step, 1.0)
+        # At an end how the distance bends is not known.
+        start, bend = here, 0.0
         if 0 < where < samples:
             f_before = look(axes, before, x, y, z, cutter)
             f_after = look(axes, after, x, y, z, cutter)
-            rise = 0.5 * (f_before - f_after)
             bend = f_before - 2.0 * best + f_after
-        here, low, high = min(where * step, 1.0), before * step, min(after * step, 1.0)
-        start = min(here + rise / bend * step, 1.0) if bend > 0.0 else here
+            if bend > 0.0:
+                start = min(here + 0.5 * (f_before - f_after) / bend * step, 1.0)
         for t in (start, here):
             gap[i], time[i], _ = nearest_between(
                 polynomials, breaks, low, high, t, bend / (step * step), x, y, z, cutter, axis, velocity
