@@ -53,7 +53,9 @@ from conflank_cli.selection.exact import widened
 from conflank_cli.selection.judging import MOST_LIFT, POSTING, lifted
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Section, Tool
-from conflank_cli.verification.verify import gaps_of, move_times, pose_program
+from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.posed import pose_program
+from conflank_cli.verification.swept import gaps_of
 
 Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

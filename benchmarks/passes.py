@@ -39,8 +39,8 @@ from conflank_cli.scene import Scene
 from conflank_cli.selection import select
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.verify import verify_program
 
 TOLERANCE = 0.010  # mm
 FLANK = 0.90  # of the faces, by sweeps, where they are between their neighbours

@@ -44,7 +44,7 @@ from conflank_cli.verification.poses import Poses, build_cells, poses_on_part
 from conflank_cli.verification.program import Interpolation
 from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.sampling import sample_face
-from conflank_cli.verification.verify import REACH
+from conflank_cli.verification.swept import REACH
 from postprocessors.errors import PostError
 from postprocessors.heidenhain.rides import Ride, rides_of
 from postprocessors.kinematics.two_rotary import within_range

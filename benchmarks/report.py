@@ -27,9 +27,9 @@ from conflank_cli.artifacts import read_plan
 from conflank_cli.artifacts.npz import decode_coverage
 from conflank_cli.formats import post_of
 from conflank_cli.report.document import MESH_TRIANGLES, report_html
+from conflank_cli.verification.posed import PosedProgram, pose_program
 from conflank_cli.verification.poses import Poses
 from conflank_cli.verification.result import from_json
-from conflank_cli.verification.verify import PosedProgram, pose_program
 
 POSES = 5000
 LARGEST = 3_000_000  # bytes

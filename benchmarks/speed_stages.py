@@ -295,8 +295,8 @@ def posting(material: Material) -> Stage:
 def verification(material: Material) -> Stage:
     """From the text to what it cuts: gap on all points, clearance of everything."""
     from conflank_cli.posting import post_program
+    from conflank_cli.verification.judge import verify_program
     from conflank_cli.verification.sampling import POINTS_PER_FACE
-    from conflank_cli.verification.verify import verify_program
 
     scene, plan = material.plan
     text = (material.folder / PROGRAM).read_text(encoding="ascii")

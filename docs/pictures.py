@@ -43,7 +43,7 @@ from conflank_cli.report.render import Camera, Mesh, Picture, facet_mesh, grid_m
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
-from conflank_cli.verification.verify import PosedProgram, pose_program
+from conflank_cli.verification.posed import PosedProgram, pose_program
 
 Array = npt.NDArray[np.float64]
 

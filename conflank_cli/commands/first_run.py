@@ -24,8 +24,8 @@ from conflank_cli.selection import select
 from conflank_cli.selection.obstruction import obstruction_of
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.verify import verify_program
 
 # Sides of the face that is milled, and how far below it something is that must not be hit, mm.
 LENGTH, DEPTH = 30.0, 20.0

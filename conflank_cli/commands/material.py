@@ -19,8 +19,8 @@ from conflank_cli.options import Talk
 from conflank_cli.output import STANDARD
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
+from conflank_cli.verification.posed import PosedProgram, pose_program
 from conflank_cli.verification.result import Verification, from_json
-from conflank_cli.verification.verify import PosedProgram, pose_program
 
 Called = Callable[[str], str | None]
 

@@ -20,7 +20,7 @@ LATER = (
     "conflank_cli.optimization",
     "conflank_cli.selection",
     "conflank_cli.posting",
-    "conflank_cli.verification.verify",
+    "conflank_cli.verification.judge",
 )
 """What is imported beside detection."""
 
@@ -84,7 +84,7 @@ def run(job_file: str, folder_out: str, with_report: bool, as_json: bool, talk: 
     from conflank_cli.commands.documents import of_posting, print_document
     from conflank_cli.commands.plan_map import summary_tables
     from conflank_cli.commands.tables import facts_of, judgement
-    from conflank_cli.verification.verify import pose_program
+    from conflank_cli.verification.posed import pose_program
 
     plan, plan_summary, coverage = run_select(scene, motions, talk)
     passes, plan_summary = run_passes(scene, plan, plan_summary, talk)
@@ -134,8 +134,7 @@ def _prepare(scene: Scene) -> None:
     for name in LATER:
         import_module(name)
     from conflank_cli.selection.judging import Judge
-    from conflank_cli.verification.sampling import POINTS_PER_FACE
-    from conflank_cli.verification.verify import Places
+    from conflank_cli.verification.sampling import POINTS_PER_FACE, Places
 
     Judge.of(scene)
     Places.of(scene, POINTS_PER_FACE)

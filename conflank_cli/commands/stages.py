@@ -123,7 +123,7 @@ def run_verify(
     program: bytes, name: str, scene: Scene, talk: Talk, called: Callable[[str], str | None] | None = None
 ) -> Verification:
     """The judgement of a program, ours or foreign, with those that it calls."""
-    from conflank_cli.verification.verify import verify_program
+    from conflank_cli.verification.judge import verify_program
 
     # Whatever bytes a foreign program's comments hold, the hash must be that of the file.
     text = program.decode("utf-8", "surrogateescape")

@@ -53,7 +53,7 @@ def verify(source: str, job_file: str, output: str | None, as_json: bool, talk: 
     inputs: list[str | Path] = [source, *files_of(job_file, job, folder)]
     check_output(output, inputs)
     name, program = read_source(source)
-    scene = read_scene(job, folder, talk, kernel, ["conflank_cli.verification.verify"])
+    scene = read_scene(job, folder, talk, kernel, ["conflank_cli.verification.judge"])
     beside = Path() if source == STANDARD else Path(source).parent
     verification = run_verify(program, name, scene, talk, partial(program_beside, beside))
     # On standard output the document takes the place of the verification, which it holds.

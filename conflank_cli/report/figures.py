@@ -29,7 +29,8 @@ from conflank_cli.report.picture_file import DPI, FORMATS
 from conflank_cli.report.render import Camera, Mesh, facet_mesh, grid_mesh, render
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
-from conflank_cli.verification.verify import PosedProgram, move_times
+from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.posed import PosedProgram
 
 Array = npt.NDArray[np.float64]
 

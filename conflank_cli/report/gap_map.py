@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.face import DesignFace
+from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.sampling import evaluate_grid, inside_rows
-from conflank_cli.verification.verify import PosedProgram, gaps_of
+from conflank_cli.verification.swept import gaps_of
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

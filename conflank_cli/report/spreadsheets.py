@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from msgspec.structs import asdict
 
+from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.result import CutFigures, Verification
-from conflank_cli.verification.verify import PosedProgram, move_times
 
 
 def _written(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

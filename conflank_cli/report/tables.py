@@ -11,8 +11,8 @@ from conflank_cli.coverage import REASON_WORDS, Reason
 from conflank_cli.report.colours import COVERED, GAP, GREYS, LEFT, OVERCUT, REACH
 from conflank_cli.report.findings import Spot
 from conflank_cli.scene import Scene
+from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.result import CutFigures, FaceFigures, Verification
-from conflank_cli.verification.verify import PosedProgram
 
 NEVER = "-"
 """What is not known."""

@@ -198,7 +198,7 @@ class Control:
                 recorder.find("CF113", "machine coordinates while tool centre point control is active", block)
             if self.header.machine is None:
                 recorder.find("CF106", "M91 or M92 without a machine in the header", block)
-            recorder.machine_move(words.axes, block)
+            recorder.machine_move(words.axes, rapid, block, 92 in functions)
         elif words.axes or words.vector:
             vector = None
             if words.vector:
@@ -229,6 +229,7 @@ class Control:
             unknown_moves=recorder.unknown_moves,
             findings=tuple(recorder.findings.values()),
             called=tuple(called),
+            unknown=tuple(recorder.unknown),
         )
 
 

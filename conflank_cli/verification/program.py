@@ -127,6 +127,31 @@ class ToolCall:
 
 
 @dataclass(frozen=True, slots=True)
+class UnknownMove:
+    """A move whose way does not follow from the text alone; the machine's data may tell more.
+
+    Attributes
+    ----------
+    before: index of the first known pose (row of `Moves`) that comes after it.
+    kind: "limit" (M140 MB MAX: along the tool axis to the limit of the machine), "machine" and "machine 2" (M91, M92:
+        coordinates of the machine), "turn" (rotary axes without tool centre point control; X, Y and Z stand), or "lost"
+        (a tool change, or anything else after which the position is not known).
+    words: axis words by letter in mm or radians, None where the value is not known; machine coordinates for "machine"
+        and "machine 2", positions of rotary axes for "turn".
+    rapid: whether it is a rapid.
+    block: block number.
+    program: the called program that it stands in, "" in the first one.
+    """
+
+    before: int
+    kind: str
+    words: Mapping[str, float | None]
+    rapid: bool
+    block: int
+    program: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class CalledProgram:
     """A called program: the file's name, and its text."""
 
@@ -151,6 +176,7 @@ class Program:
     unknown_moves: moves after a retract whose poses the text does not tell.
     findings: what is wrong or unknown.
     called: the programs it calls that were followed.
+    unknown: the moves whose way does not follow from the text alone, in program order.
     """
 
     name: str
@@ -163,6 +189,7 @@ class Program:
     unknown_moves: int
     findings: tuple[Finding, ...]
     called: tuple[CalledProgram, ...] = ()
+    unknown: tuple[UnknownMove, ...] = ()
 
     @property
     def rotary_letters(self) -> str:
@@ -309,6 +336,7 @@ class Recorder:
         self._program = ""
         self._called: list[tuple[int, str]] = []
         self._rows: list[tuple[float, ...]] = []
+        self.unknown: list[UnknownMove] = []
 
     def enter(self, program: str) -> None:
         """What follows stands in a called program; "" for the first one."""
@@ -339,6 +367,7 @@ class Recorder:
         if self._tcpm:
             self.find("CF113", "tool called while tool centre point control is active", block)
         self.tool_calls.append(ToolCall(number, name, block))
+        self._note("lost", {}, False, block)
         self._cut = -1
         self._physical = None
         self._retracted = True
@@ -366,6 +395,7 @@ class Recorder:
         """Retract along the tool axis to the limit of the machine."""
         if self._physical is not None:
             self._append_along(RETRACT_CHECKED, block, True)
+        self._note("limit", {}, True, block)
         self._lose()
         self._retracted = True
 
@@ -390,8 +420,12 @@ class Recorder:
             i, j, k = vector
         self._append((x + length * i, y + length * j, z + length * k), rotary, vector, rapid, block)
 
-    def machine_move(self, words: Mapping[str, float | None], block: int) -> None:
-        """A block in machine coordinates: where it leads is not known in the part's."""
+    def _note(self, kind: str, words: Mapping[str, float | None], rapid: bool, block: int) -> None:
+        self.unknown.append(UnknownMove(len(self._rows), kind, dict(words), rapid, block, self._program))
+
+    def machine_move(self, words: Mapping[str, float | None], rapid: bool, block: int, second: bool = False) -> None:
+        """A block in machine coordinates (M91; M92 if `second`): where it leads is not known in the part's."""
+        self._note("machine 2" if second else "machine", words, rapid, block)
         self.unknown_moves += 1
         self._lose()
         for letter in words:
@@ -457,6 +491,9 @@ class Recorder:
             return
         known = self._vector is not None or (bool(rotary) and None not in rotary.values())
         if x is None or y is None or z is None or not known or not (self._tcpm or self._upright()):
+            turns = {word[-1]: rotary.get(word[-1]) for word in words if word[-1] in rotary}
+            only = len(turns) == len(words) and not self._tcpm and vector is None
+            self._note("turn" if only else "lost", turns, rapid, block)
             self._unknown("the pose does not follow from the text (no tool centre point control, or no retract)", block)
             return
         if self._physical is None and not self._retracted:

@@ -6,6 +6,7 @@ Surfaces are evaluated with SciPy's B-splines, independently of the project's ow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from scipy.interpolate import BSpline, NdBSpline
 
 from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.surface import BSplineSurface
+from conflank_cli.scene import Scene
 from conflank_cli.verification.gap import spatial_order
 
 Array = npt.NDArray[np.float64]
@@ -346,3 +348,24 @@ def _side_lengths(points: Array, pieces: Integers) -> Array:
 def largest(table: Array) -> Array:
     """The largest number of each row of a table (K, 3)."""
     return np.asarray(np.maximum(np.maximum(table[:, 0], table[:, 1]), table[:, 2]))
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where a scene is judged, whatever the program.
+
+    Attributes
+    ----------
+    samples: points on each design face.
+    around: what stands around the faces.
+    """
+
+    samples: tuple[FaceSample, ...]
+    around: Surroundings
+
+    @classmethod
+    @lru_cache(maxsize=1)
+    def of(cls, scene: Scene, points_per_face: int) -> Places:
+        """Those of a scene; kept for whoever asks next."""
+        samples = tuple(sample_face(face, points_per_face) for face in scene.faces)
+        return cls(samples, Surroundings.of(scene.check))

@@ -18,8 +18,8 @@ from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.verify import verify_program
 from tests.faces import design, interpolated, round_face, stacked
 from tests.posting.test_program import motion_of
 from tests.verification.scenes import NOTHING, T1, lying_on_plane, plane_face, triangles_of

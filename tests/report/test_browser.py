@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.browser import Browser, browser_program
-from conflank_cli.verification.verify import pose_program
+from conflank_cli.verification.posed import pose_program
 from tests.report.test_document import page_of, scene
 from tests.report.test_gap_map import lying_cone
 

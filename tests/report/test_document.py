@@ -15,8 +15,9 @@ from conflank_cli.report import document
 from conflank_cli.report.document import report_html
 from conflank_cli.report.gap_map import face_grid, grid_shape
 from conflank_cli.scene import Scene
+from conflank_cli.verification.judge import verify_program
+from conflank_cli.verification.posed import pose_program
 from conflank_cli.verification.reader import read_program
-from conflank_cli.verification.verify import pose_program, verify_program
 from tests.report.test_gap_map import FACE, lying_cone
 from tests.verification.scenes import T1, scene_of, triangles_of
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from conflank_cli.report import figures
 from conflank_cli.sweep import Sweep
-from conflank_cli.verification.verify import pose_program
+from conflank_cli.verification.posed import pose_program
 from tests.report.test_document import scene
 from tests.report.test_gap_map import FACE, lying_cone
 from tests.report.test_models import lying

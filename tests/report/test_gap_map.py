@@ -6,7 +6,8 @@ import pytest
 from conflank_cli.job import Setup, Tolerance
 from conflank_cli.posting import post_program
 from conflank_cli.report.gap_map import gap_map
-from conflank_cli.verification.verify import pose_program, verify_program
+from conflank_cli.verification.judge import verify_program
+from conflank_cli.verification.posed import pose_program
 from tests.verification.scenes import T1, TCPM, header, lying_on_plane, plane_face, program, scene_of
 from tests.verification.test_pattern import PLATE, pattern_scene, sweep
 

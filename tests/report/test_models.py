@@ -19,7 +19,8 @@ from conflank_cli.report.gap_map import gap_map
 from conflank_cli.report.spreadsheets import cuts_csv, poses_csv
 from conflank_cli.tool import CATALOGUE
 from conflank_cli.verification.gap import distance_to_cutter
-from conflank_cli.verification.verify import pose_program, verify_program
+from conflank_cli.verification.judge import verify_program
+from conflank_cli.verification.posed import pose_program
 from tests.report.test_gap_map import FACE, lying_cone
 from tests.verification.scenes import T1, lying_on_plane, scene_of
 

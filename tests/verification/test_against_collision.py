@@ -10,8 +10,8 @@ from conflank_cli.geometry.collision import COMPONENTS, Body, Collider
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.geometry.outline import Margins
 from conflank_cli.job import Margin
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.program import RETRACT_CHECKED
-from conflank_cli.verification.verify import verify_program
 from tests.verification.scenes import T1, TCPM, lying_on_plane, plane_face, program, scene_of
 
 WITHIN = 0.010

@@ -18,8 +18,8 @@ from conflank_cli.posting import post_program
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.kinematics import about
-from conflank_cli.verification.verify import verify_program
 from tests.verification.scenes import NOTHING, lying_on_plane, plane_face, scene_of, triangles_of
 
 T1 = CATALOGUE["T1"]

@@ -17,9 +17,9 @@ from conflank_cli.geometry.face import DesignFace
 from conflank_cli.job import Setup, Tolerance
 from conflank_cli.tool import Section, Tool
 from conflank_cli.verification.findings import CODES
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification, from_json
 from conflank_cli.verification.sampling import Surroundings, sample_face
-from conflank_cli.verification.verify import verify_program
 from tests.verification.scenes import (
     T1,
     TCPM,
