@@ -183,8 +183,9 @@ class _Walk:
     def _state_before(self, move: int) -> _State:
         """At the end of the known pose before a move; at the beginning axes that are never named stand at zero."""
         if move == 0:
+            # Tool vectors move axes without naming them.
+            unknown = not np.isfinite(self.moves.rotary).all()
             named = self.mounted.named
-            unknown = self.mounted.no_machine
             start = [np.nan if unknown or letter in named else 0.0 for letter in self.machine.letters]
             return _State(np.array(start))
         state = _State(self.rotary[move - 1].copy(), int(self.moves.tool[move - 1]), pose=move - 1)
