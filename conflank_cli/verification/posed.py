@@ -11,6 +11,7 @@ import numpy.typing as npt
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
+from conflank_cli.verification.agreement import disagreements
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.kinematics import Frame
 from conflank_cli.verification.poses import Poses, poses_on_part
@@ -63,7 +64,15 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             for tool in scene.tools
             if (tool.name == stated[0].name if stated else tool.number == call.number or tool.name == call.name)
         ]
-        label = f"tool {call.number if call.number is not None else call.name}"
+        called = call.name if call.number is None else str(call.number)
+        label = f"tool {called}"
+        foreign = scene.job.program.foreign
+        if not stated and foreign is not None:
+            wanted = foreign.tools.get(called or "")
+            meant = [tool for tool in scene.tools if tool.name == wanted] if wanted else drawer
+            if len(meant) == 1:
+                tools.append(meant[0])
+                continue
         if not stated:
             text = f"{label} is not stated in the header (; TOOL n name R_MIN .. R_MAX .. LENGTH ..)"
             if len(drawer) == 1:
@@ -99,6 +108,8 @@ def _frame_of(program: Program, scene: Scene) -> tuple[Frame, list[Finding]]:
     setup = scene.job.setup
     own = Frame(setup.rotate_deg, setup.translate)
     stated = program.header.frame
+    if stated is None and scene.job.program.foreign is not None:
+        return own, []
     if stated is None:
         text = "the frame is not stated in the header (; FRAME ..); judged in the frame of the job's [setup]"
         return own, [Finding("CF104", text)]
@@ -124,11 +135,15 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
     findings += found
     frame, found = _frame_of(program, scene)
     findings += found
-    if program.header.reference is None:
+    reference, foreign = program.header.reference, scene.job.program.foreign
+    if reference is None and foreign is not None:
+        reference = foreign.reference.upper()
+    elif reference is None:
         findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
+    findings += disagreements(program, scene.job, tools)
     moves = program.moves
     below = np.zeros(len(moves.block))
-    if program.header.reference == "SPHERE CENTRE":
+    if reference == "SPHERE CENTRE":
         radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
         below = radii[moves.tool]
     poses = poses_on_part(moves, program.letters, frame, below)
