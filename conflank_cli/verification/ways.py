@@ -24,7 +24,7 @@ import numpy.typing as npt
 from conflank_cli.tool import Tool
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.machine import MachineModel
-from conflank_cli.verification.program import RETRACT_CHECKED, Interpolation, Moves, Program, UnknownMove
+from conflank_cli.verification.program import RETRACT_CHECKED, Event, Interpolation, Moves, Program, UnknownMove
 from conflank_cli.verification.standing import Standing, discs, lowest
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +87,7 @@ class Ways:
     moves: as read, with the poses that stand for ways in between; these belong to no cut.
     added: which of `moves` stand for ways in between, (N,).
     rotary: positions of the rotary axes at all of `moves`, (N, 2) radians, in the machine's order; NaN where not known.
-    unknown: as read, counted anew.
+    unknown, events: as read, counted anew.
     unknown_moves: how many moves were neither followed nor proven free.
     findings: those moves.
     """
@@ -96,6 +96,7 @@ class Ways:
     added: npt.NDArray[np.bool_]
     rotary: Array
     unknown: tuple[UnknownMove, ...]
+    events: tuple[Event, ...]
     unknown_moves: int
     findings: tuple[Finding, ...]
 
@@ -257,6 +258,8 @@ class _Walk:
             self._to_machine(move, state)
         elif move.kind == "turn":
             self._turn(move, state)
+        elif move.kind == "across":
+            self._across(move, state)
         elif move.kind == "machine 2":
             self._lose(state, move, "M92: where the builder's second datum lies is not known", move.block)
         else:
@@ -264,6 +267,16 @@ class _Walk:
             self._lose(state, move, f"{what} does not follow from the text", move.block)
         if move.kind not in ("tool", "limit", "machine"):
             self._set_rotary(state, move.words)
+
+    def _across(self, move: UnknownMove, state: _State) -> None:
+        """X and Y across the tool axis at an unknown height: as high as before where that axis is the machine's Z."""
+        known = bool(np.isfinite(state.rotary).all())
+        straight = not self._heads or (known and bool(self.machine.upright(state.rotary[None])[0]))
+        if not (state.retracted and (straight or self.mounted.no_machine)):
+            self._lose(
+                state, move, "a move across the tool axis that is not at the machine's retract height", move.block
+            )
+        state.nose, state.pose = [], -1
 
     def _set_rotary(self, state: _State, words: Mapping[str, float | None]) -> None:
         for column, letter in enumerate(self.machine.letters):
@@ -593,6 +606,8 @@ class _Walk:
             tool=with_rows(moves.tool, [row.call for row in rows]),
             joined=with_rows(self.joined, joined),
             interpolation=with_rows(moves.interpolation, np.full(count, int(Interpolation.AXIS))),
+            spindle=with_rows(moves.spindle, np.zeros(count)),
+            coolant=with_rows(moves.coolant, np.zeros(count, dtype=np.int64)),
             called=tuple(
                 (first + sum(row.at < first or (row.at == first and row.program != name) for row in rows), name)
                 for first, name in moves.called
@@ -601,8 +616,15 @@ class _Walk:
         unknown = tuple(
             replace(move, before=move.before + int(np.sum(at <= move.before))) for move in self.program.unknown
         )
+        events = tuple(
+            # What happens after a pose stays with it: poses that are added come later.
+            replace(event, before=event.before + int(np.sum(at < event.before)))
+            for event in self.program.events
+        )
         added = with_rows(np.zeros(len(self.joined), dtype=np.bool_), np.ones(count, dtype=np.bool_))
-        return Ways(result, added, with_rows(self.rotary, turn), unknown, self.count, tuple(self.found.values()))
+        return Ways(
+            result, added, with_rows(self.rotary, turn), unknown, events, self.count, tuple(self.found.values())
+        )
 
     def _vectors_for(self, rows: Sequence[_Row]) -> Array:
         """Tool axes of poses whose rotary positions are not known: those of the move before."""
