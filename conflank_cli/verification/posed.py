@@ -183,9 +183,9 @@ def _by_machine(program: Program, machine: MachineModel) -> tuple[Program, list[
     # An axis that no word names stands at zero.
     for column, letter in enumerate(machine.letters):
         if letter in letters:
-            rotary[:, column] = moves.rotary[:, letters.index(letter)]
-    # So do all where nothing names any; elsewhere, with a vector, they stand wherever that wants them.
-    if letters or not np.all(moves.vector[by_vector] == [0.0, 0.0, 1.0]):
+            rotary[:, column] = np.nan_to_num(moves.rotary[:, letters.index(letter)])
+    # So do all where nothing turns any; elsewhere, with a vector, they stand wherever that wants them.
+    if named or not by_vector.all() or not np.all(moves.vector == [0.0, 0.0, 1.0]):
         rotary[by_vector] = np.nan
     return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary)), []
 
