@@ -97,6 +97,10 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             tools.append(drawer[0] if len(drawer) == 1 else None)
             continue
         size = stated[0]
+        if len(stated) > 1:
+            findings.append(
+                Finding("CF109", f"{label} is stated more than once in the header, and differently", call.block)
+            )
         if not (0.0 < size.r_min <= size.r_max and size.length > 0.0):
             findings.append(Finding("CF109", f"{label}: R_MIN, R_MAX and LENGTH make no cutter", call.block))
             tools.append(None)
