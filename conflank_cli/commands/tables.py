@@ -130,12 +130,19 @@ def judgement(verification: Verification) -> str:
         ("stock", "-" if stock is None else f"{stock:.2f} µm at most{_where(verification.stock_max_at)}"),
         ("time", f"{verification.time_s / 60.0:.1f} min{_by_kind(verification)}"),
         ("control", _control(verification.control_tolerance_um)),
+        ("unknown", _unknown(verification.unknown_moves)),
         ("findings", str(len(verification.findings)) if verification.findings else "none"),
     ]
     text = text_table(columns, rows) if rows else ""
     text += "\n" + "".join(f"{name:<13} {value}\n" for name, value in lines)
     text += "".join(f"  {finding.title}: {finding.text}\n" for finding in verification.findings)
     return text.rstrip("\n")
+
+
+def _unknown(moves: int) -> str:
+    if moves == 0:
+        return "no move"
+    return f"{moves} move{'s' * (moves > 1)} whose way is neither followed nor proven to be free"
 
 
 def prediction(summary: PostSummary) -> str:

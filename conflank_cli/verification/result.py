@@ -113,7 +113,7 @@ class Verification(Struct, frozen=True):
     time_s: length over feed; rapids at the assumed rate.
     control_tolerance_um: T + h TA of the control's tolerance cycle, which comes on top at the machine; None where the
         program does not set it.
-    unknown_moves: moves after a retract, whose poses the text does not tell (positioning off the part).
+    unknown_moves: moves whose way is neither told by the text, nor followed on the machine, nor proven to be free.
     findings: what is wrong; empty for a program that may run.
     called_sha256: hash of each program that it calls, by name of file; they are judged with it.
     """
