@@ -292,14 +292,24 @@ class _Walk:
 
     def _change_tool(self, move: UnknownMove, state: _State) -> None:
         """The place where tools are changed is above everything; the way there goes up first."""
-        if state.pose >= 0 and not state.retracted:
-            tip, axis = self._tip(state.pose)
-            lift = self._lift(self._tool(state), tip, axis, self._up(self.rotary[state.pose], axis))
+        if not state.retracted and (state.pose >= 0 or state.nose):
+            lift = min(self._lifts(state))
             if not lift >= ABOVE:
                 why = "a tool is called while the cutter is not above everything along the machine's Z"
-                self._lose(state, move, why, move.block, lift)
+                self._lose(state, move, why, move.block, lift if np.isfinite(lift) else None)
         state.retracted, state.nose, state.pose, state.lost = True, [], -1, False
         state.call = min(state.call + 1, len(self.mounted.tools) - 1)
+
+    def _lifts(self, state: _State) -> list[float]:
+        """How far the cutter is above everything where it may stand, mm; NaN where that cannot be told."""
+        tool, rotary = self._tool(state), state.rotary[None]
+        if state.pose >= 0:
+            tip, axis = self._tip(state.pose)
+            return [self._lift(tool, tip, axis, self._up(self.rotary[state.pose], axis))]
+        zero, length = self.mounted.zero, self._length(state)
+        assert zero is not None and length is not None
+        axis, up = self.machine.tool_axis(rotary), self.machine.up(rotary)
+        return [self._lift(tool, self.machine.tip(nose[None], rotary, zero, length), axis, up) for nose in state.nose]
 
     def _to_limit(self, move: UnknownMove, state: _State) -> None:
         """M140 MB MAX. With a tilted head it is not sure whether the control goes along the tool or along Z."""

@@ -289,6 +289,18 @@ def test_machine_coordinates_are_followed() -> None:
     assert np.abs(result.poses.tip - there).max(axis=1).min() < 1e-9
 
 
+@pytest.mark.parametrize(("height", "proven"), [(275.0, True), (265.0, False)])
+def test_a_tool_change_from_a_known_place(height: float, proven: bool) -> None:
+    """The tip is LENGTH below the nose, the plane at machine Z 120: above it from 270 on."""
+    body = [
+        "L X+60 Y+0 Z+5 R0 FMAX",
+        f"L X-100 Y+50 Z{height:+.1f} R0 FMAX M91",
+        "TOOL CALL 1 Z S3000",
+        "L M140 MB MAX",
+    ]
+    assert (found(body, on(zero=ZERO)) == []) == proven
+
+
 def test_from_a_known_place_to_a_pose_that_is_not_above() -> None:
     """From the limit straight to a pose below the top of a block: followed, and what is in the way is hit."""
     down = "L X+60 Y+0 Z+5 R0 FMAX"
@@ -358,6 +370,16 @@ def test_words_out_of_the_range_of_their_axis(word: str, code: list[str]) -> Non
         assert (result[0].limit, result[0].unit, result[0].count) == ((30.0 if "+" in word else -120.0), "deg", 2)
     # Positioning off the part counts as well.
     assert [finding.code for finding in found(body[:1], on(), "CF401")] == code
+
+
+def test_the_shorter_way_is_for_axes_within_one_turn() -> None:
+    """M126 acts on C, whose display is reduced to 0 .. 360, and not on A, which counts from -110 to 110 degrees."""
+    text = edited("range_deg = [-120.0, 30.0]", "range_deg = [-110.0, 110.0]")
+    place = "X+0 Y+0 Z+300"
+    body = ["M126", "L A-100 C+350 R0 FMAX", TCPM, f"L {place} A-100 C+350 FMAX", f"L {place} A+100 C+10 F500"]
+    result = posed(body, on(definition=text))
+    np.testing.assert_allclose(np.degrees(result.rotary), [[350.0, -100.0], [370.0, 100.0]])
+    assert [finding for finding in result.findings if finding.code == "CF401"] == []
 
 
 @pytest.mark.parametrize("tilt", [29.0, 31.0])
