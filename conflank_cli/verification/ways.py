@@ -493,9 +493,8 @@ class _Walk:
         if tool is not None:
             up = self.machine.up(rotary)
             lift = lowest(tool, tip, axis, up) - (self.mounted.standing.points @ up.T).max(axis=0)
-            clear = np.minimum(lift[1:], lift[:-1]) > ABOVE + self._rise_of(
-                np.abs(np.diff(rotary, axis=0)), tool, state
-            )
+            turn = np.abs(np.diff(rotary, axis=0)).sum(axis=1)
+            clear = np.minimum(lift[1:], lift[:-1]) > ABOVE + sagitta(self._reach(tool, state), turn)
         below = self.mounted.below[state.call] if state.call >= 0 else 0.0
         point = tip + below * axis
         for step in np.flatnonzero(~clear):
@@ -503,22 +502,22 @@ class _Walk:
                 self._add(move, point[step], rotary[step], state, False)
             self._add(move, point[step + 1], rotary[step + 1], state, True)
 
-    def _rise_of(self, turn: Array, tool: Tool, state: _State) -> Array:
-        """How far anything can come nearer along Z, (N,) mm, while the rotary axes turn by (N, 2) radians."""
+    def _reach(self, tool: Tool, state: _State) -> float:
+        """How far anything on the table, and any part of the cutter, is at most from a rotary axis that carries it, mm.
+
+        Both together; an axis that is carried by the other turns about another pivot.
+        """
         zero, length = self.mounted.zero, self._length(state) or 0.0
         assert zero is not None
         first, second = self.machine.rotary
-        part = self.mounted.standing.points + zero
         apart = float(np.linalg.norm(np.subtract(first.pivot, second.pivot)))
-        widest = max(radius for _, radius in discs(tool))
-        result = np.zeros(len(turn))
-        for column, axis in enumerate(self.machine.rotary):
-            if axis.table:
-                reach = float(np.linalg.norm(part - first.pivot, axis=1).max()) + column * apart
-            else:
-                reach = length + widest + float(np.linalg.norm(second.pivot)) + (1 - column) * apart
-            result += turn[:, column] * reach
-        return result
+        reach = 0.0
+        if first.table:
+            reach += float(np.linalg.norm(self.mounted.standing.points + zero - first.pivot, axis=1).max()) + apart
+        if not second.table:
+            widest = max(radius for _, radius in discs(tool))
+            reach += length + widest + float(np.linalg.norm(second.pivot)) + apart
+        return reach
 
     def _add(self, move: UnknownMove, point: Array, rotary: Array, state: _State, joined: bool) -> None:
         """A pose of the way of a move."""
@@ -650,6 +649,15 @@ class _Walk:
             if row.at > 0:
                 result[index] = self.moves.vector[row.at - 1]
         return result
+
+
+def sagitta(reach: float, turn: Array) -> Array:
+    """How far a point off its axes by `reach` mm can leave the straight line between two poses, (N,) mm.
+
+    turn: how far both axes turn between the poses, added, (N,) radians. The second derivative of the place by a share
+    of the way is no more than reach turn^2, and a curve leaves its chord by an eighth of that.
+    """
+    return np.asarray(reach * turn**2 / 8.0)
 
 
 def _runs(flags: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

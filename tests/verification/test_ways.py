@@ -20,6 +20,7 @@ from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.posed import PosedProgram, pose_program
 from conflank_cli.verification.standing import Standing, lowest
+from conflank_cli.verification.ways import sagitta
 from postprocessors.machines.machine import read_machine_file
 from tests.verification.scenes import NOTHING, TCPM, header, plane_face, program, scene_of
 from tests.verification.test_pattern import pattern_scene, sweep
@@ -268,6 +269,27 @@ def test_a_table_that_turns_at_rest_takes_the_tool_along_an_arc() -> None:
     middle = 0.5 * (arc[1:] + arc[:-1])
     assert np.abs(np.linalg.norm(middle[:, :2] - centre, axis=1) - radius).max() < 0.0101
     assert np.abs(np.diff(result.rotary[turning], axis=0)).max() <= radians(2.0) + 1e-12
+
+
+@pytest.mark.parametrize("turns", [(0.03, 0.0), (0.0, 0.03), (0.02, 0.01), (0.015, -0.015)])
+def test_between_two_poses_nothing_rises_more_than_the_sagitta(turns: tuple[float, float]) -> None:
+    """Points turned by both tables at once, against the chord between the ends."""
+    rng = np.random.default_rng(7)
+    share = np.linspace(0.0, 1.0, 101)
+    worst, most = 0.0, 0.0
+    for _ in range(50):
+        point, start = rng.normal(size=3) * 100.0, rng.uniform(-3.0, 3.0, 2)
+        turned = start + share[:, None] * np.array(turns)
+        place = (
+            Rotation.from_rotvec(turned[:, 1:] * [1.0, 0.0, 0.0]) * Rotation.from_rotvec(turned[:, :1] * UP)
+        ).apply(point)
+        chord = place[0] + share[:, None] * (place[-1] - place[0])
+        bound = float(sagitta(float(np.linalg.norm(point)), np.array([np.abs(turns).sum()]))[0])
+        off = float(np.linalg.norm(place - chord, axis=1).max())
+        assert off <= bound
+        worst, most = max(worst, off / bound), max(most, off)
+    # It is no wide guess either: where one axis turns some point comes close to it.
+    assert most > 0.0 and (0.0 not in turns or worst > 0.9)
 
 
 def test_what_stands_on_the_arc_is_hit() -> None:
