@@ -353,7 +353,8 @@ def job_from_builtins(data: object, where: str) -> Job:
 def _embed_machine(machine: Machine, name: str, where: str, folder: Path) -> Machine:
     """The machine with the text of its file, so that artifacts stand alone."""
     try:
-        text = (folder / name).read_text("utf-8")
+        # Line ends as they are: the hash of the machine is that of its file.
+        text = (folder / name).read_bytes().decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{where}: [machine] file",
