@@ -101,6 +101,17 @@ class BlockwiseServer(Engine):
         """Start to wait for the control."""
         self._rest(now)
 
+    def left_behind(self) -> str:
+        """Blocks that the control has acknowledged of what it is reading, and the one that it may have besides."""
+        blocks, name = self.counts.blocks, self._name or "the program"
+        if self._state is State.ANSWER:
+            return f"the control has acknowledged {blocks:,} blocks of {name}, and may have one more"
+        if self._state in (State.NEXT_HEADER, State.END_CONFIRMED) and blocks:
+            if self.finished and self.failure is None:
+                return f"the control has received all {blocks:,} blocks of {name}, and has confirmed them"
+            return f"the control has acknowledged all {blocks:,} blocks of {name}, but not their end"
+        return ""
+
     # --- characters ---
 
     def _character(self, character: int, now: float) -> None:

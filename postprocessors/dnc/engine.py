@@ -35,6 +35,7 @@ class Engine:
     counts: what has gone through.
     finished: whether it is over; what `output` still gives has to be sent nevertheless.
     failure: why it did not succeed.
+    left: what `left_behind` said when it was broken off from this side.
     """
 
     def __init__(self, profile: Profile, title: str) -> None:
@@ -44,6 +45,7 @@ class Engine:
         self.finished = False
         self.failure: DeviceError | None = None
         self.started = False
+        self.left: str | None = None
         self._characters = profile.characters
         self._waiting = bytearray()
         self._line_free_at = 0.0
@@ -103,8 +105,14 @@ class Engine:
 
     def abort(self, reason: str, now: float) -> None:
         """Break off from this side; the control is told as far as the protocol allows."""
+        if self.left is None:
+            self.left = self.left_behind()
         if not self.finished:
             self._fail(reason, "a transfer to the end", "Start it again at the control and here.", now, tell=True)
+
+    def left_behind(self) -> str:
+        """What the control has of the text at this moment, for somebody who breaks off; "" for nothing."""
+        return ""
 
     # --- what a protocol fills in ---
 

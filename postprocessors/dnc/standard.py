@@ -31,6 +31,17 @@ class StandardSender(Engine):
         """Start to wait for the control."""
         self._wait(self.profile.start_timeout_s, self._not_started, now)
 
+    def left_behind(self) -> str:
+        """Lines that have gone out: the driver and the control may have fewer, never more."""
+        lines = self.counts.blocks + (self._line is not None)
+        if not lines:
+            return ""
+        if self.finished and self.failure is None:
+            return f"the control has received all {lines:,} lines, and has confirmed them"
+        if self._text_over:
+            return f"all {lines:,} lines have gone out to the control, which has not confirmed them"
+        return f"{lines:,} lines have gone out to the control"
+
     def _character(self, character: int, now: float) -> None:
         if self._escape:
             self._escape += bytes((character,))
