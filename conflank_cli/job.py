@@ -672,7 +672,7 @@ def _check_tool_names(job: Job, where: str) -> None:
     for name in job.tools.define:
         if not _TOOL_NAME.holds(name):
             raise InputError(
-                f"{where}: [tools.define] {_spell(name)}",
+                f"{where}: [tools.define.{_spell(name)}]",
                 f"the tool name {_spell(name)}",
                 _TOOL_NAME.says,
                 f"Rename it, for example {_tool_name_like(name)!r}.",

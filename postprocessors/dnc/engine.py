@@ -18,6 +18,11 @@ ROUNDING_CHARACTERS = 1e-6
 """Characters: what floating point leaves of a line that has just become free."""
 
 
+def count_of(number: int, what: str) -> str:
+    """A number with its noun: 1 line, 1,200 lines."""
+    return f"{number:,} {what}" + ("" if number == 1 else "s")
+
+
 @dataclass(slots=True)
 class Counts:
     """How far a transfer is: bytes and lines of text (blocks, in the blockwise protocols), and blocks repeated."""
