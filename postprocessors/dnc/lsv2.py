@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +65,9 @@ def _connected(address: str, timeout_s: float) -> Iterator[Any]:
 def _leave(control: Any) -> None:
     """Log out and close; a control that is gone needs neither."""
     try:
-        control.disconnect()
-    except Exception:
+        with suppress(Exception):
+            control.disconnect()
+    finally:
         control._llcom.disconnect()
 
 

@@ -234,7 +234,7 @@ def test_a_control_that_outputs_two_programs_is_an_error(name: str, tmp_path: Pa
 
 
 # A block without a character is none.
-@pytest.mark.parametrize("name", TWO.keys() - {"with lines between"})
+@pytest.mark.parametrize("name", sorted(TWO.keys() - {"with lines between"}))
 def test_so_it_is_block_by_block(name: str, tmp_path: Path) -> None:
     said: list[str] = []
     engine = BlockwiseServer(OWN, "folder", serve(tmp_path), once=False, report=said.append)
