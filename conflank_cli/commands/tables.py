@@ -169,14 +169,17 @@ def judged_against(verification: Verification) -> list[tuple[str, str]]:
     return [
         ("part", f"{_hashed(against.part)}{obstacles}"),
         ("faces", f"{faces}{copies}"),
-        ("machine", f"{_hashed(against.machine)}, {preset}"),
         (
             "limits",
             f"overcut {1e3 * limits.overcut_mm:g}, undercut {1e3 * limits.undercut_mm:g} µm, allowance "
             f"{limits.allowance_mm:g} mm, coverage {100.0 * limits.coverage:g} %, to obstacles {limits.cutter_mm:g} "
             f"{limits.shank_mm:g} {limits.holder_mm:g} mm",
         ),
-        ("job", f"sha256 {against.job_sha256[:DIGITS]}, judged by conflank {against.program_version}"),
+        (
+            "job",
+            f"sha256 {against.job_sha256[:DIGITS]}, machine {_hashed(against.machine)}, {preset}; judged by conflank "
+            f"{against.program_version}",
+        ),
     ]
 
 

@@ -271,7 +271,7 @@ def _wrong_type(message: str, where: str) -> InputError:
     types = re.fullmatch(r"Expected (.+), got (.+)", reason.replace("`", ""))
     if types is not None:
         return InputError(where, types[2], types[1], _AGAIN)
-    return InputError(where, reason, _MAKER, _AGAIN)
+    return InputError(where, f"JSON that is no verification ({reason})", _MAKER, _AGAIN)
 
 
 def _check(verification: Verification, where: str) -> None:

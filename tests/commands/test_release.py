@@ -142,10 +142,10 @@ def test_what_was_judged_is_shown(folder: Path) -> None:
     for word in (
         "blade.step (sha256 111111111111)",
         "obstacle fixture.stl (sha256 222222222222)",
-        "ac-table (sha256 333333333333), preset 3",
+        "ac-table (sha256 333333333333), preset 3; judged by conflank 0.1.0",
         "face 7, face 9 region 0 0.5 0 1, copies 0 5 of 24",
         "overcut 10, undercut 12 µm, allowance 0.1 mm, coverage 90 %",
-        "sha256 444444444444, judged by conflank 0.1.0",
+        "sha256 444444444444, machine ac-table",
         "coverage  95.12 %",
         "unknown   2 moves",
         "findings  none",
