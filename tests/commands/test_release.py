@@ -113,6 +113,11 @@ def test_a_missing_verification_and_one_of_another_text(folder: Path) -> None:
     assert result.exit_code == 3 and "BLADE1.H.verification.json is missing" in result.stderr
     (folder / "BLADE1.H.verification.json").mkdir()
     assert send().exit_code == 3
+    # A device or a pipe would be read, or waited for, without end.
+    (folder / "BLADE1.H.verification.json").rmdir()
+    (folder / "BLADE1.H.verification.json").symlink_to("/dev/null")
+    result = send()
+    assert result.exit_code == 3 and "no readable file" in result.stderr
 
 
 def test_findings_are_exit_code_1(folder: Path) -> None:

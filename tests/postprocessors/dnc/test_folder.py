@@ -10,6 +10,7 @@ from postprocessors.dnc.folder import FileSink, Folder, OneFile, OneProgram, sam
 from postprocessors.dnc.program import Program, read_program
 from postprocessors.dnc.standard import StandardReceiver
 from postprocessors.dnc.store import Refusal
+from postprocessors.dnc.wire import make_frame
 from postprocessors.errors import DeviceError, PostError
 from tests.postprocessors.dnc.line import Line, control_for, profile
 
@@ -159,15 +160,21 @@ def test_verifications_are_not_files_for_a_control(tmp_path: Path) -> None:
 
 
 def test_a_verification_does_not_arrive_over_the_line(tmp_path: Path) -> None:
+    """A control that outputs X.H, and then what would make X.H pass for verified."""
     said: list[str] = []
-    own = profile("fe1")
-    engine = BlockwiseServer(own, "folder", serve(tmp_path, overwrite=True), once=False, report=said.append)
-    control = control_for(own, {"X.H": TEXT, "X.H.verification.json": TEXT})
-    Line(engine, control, exact=False).run(
-        lambda now: control.save("X.H", now), lambda now: control.save("X.H.verification.json", now)
-    )
+    engine = BlockwiseServer(OWN, "folder", serve(tmp_path, overwrite=True), once=False, report=said.append)
+    engine.begin(0.0)
+    now = 0.0
+    for name in (b"X.H", b"X.H.verification.json", b"X.H.Verification.JSON"):
+        frames = [make_frame(1, b"H" + name + b"A", 0x17, never_control=False)]
+        frames += [make_frame(2, line, 0x17, never_control=False) for line in TEXT.split(b"\r\n")[:-1]]
+        for sent in (*frames, b"\x03", b"\x04"):
+            engine.received(sent, now)
+            now += 1.0
+            engine.elapsed(now)
+            engine.output(now)
     assert [path.name for path in tmp_path.iterdir()] == ["X.H"]
-    assert any("no control writes verifications" in text for text in said)
+    assert sum("no control writes verifications" in text for text in said) == 2, said
 
 
 def test_the_gate_is_asked_about_the_bytes_that_are_sent(tmp_path: Path) -> None:
