@@ -86,6 +86,11 @@ def test_what_changes_is_seen(name: str) -> None:
     assert before.job_sha256 != after.job_sha256
 
 
+def test_the_copies_that_are_cut_are_named() -> None:
+    found = against(scene(setup=Setup(copies=Copies(count=24, only=(5, 2))))).placement
+    assert (found.copies_count, found.copies) == (24, (5, 2))
+
+
 def test_regions_are_those_of_the_faces() -> None:
     base = scene()
     designs = (Design("blade", region=(0.0, 0.5, 0.0, 1.0)), Design(4, "inside"))

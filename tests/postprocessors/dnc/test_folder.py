@@ -150,9 +150,12 @@ def test_verifications_are_not_files_for_a_control(tmp_path: Path) -> None:
     for name in ("X.H.verification.json", "Y.H.VERIFICATION.JSON"):
         (tmp_path / name).write_bytes(TEXT)
     (tmp_path / "LINK.H").symlink_to("X.H.verification.json")
+    hidden = tmp_path / "Z.H.verification.json"
+    hidden.symlink_to(".hidden")
+    (tmp_path / ".hidden").write_bytes(TEXT)
     folder = serve(tmp_path, overwrite=True)
     assert folder.directory() == []
-    for name in ("X.H.verification.json", "LINK.H", "LINK"):
+    for name in ("X.H.verification.json", hidden.name, "LINK.H", "LINK"):
         with pytest.raises(Refusal, match="FILE NOT FOUND"):
             folder.read(name, "H")
     with pytest.raises(Refusal, match="FILE EXISTS"):
