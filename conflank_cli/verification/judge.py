@@ -29,6 +29,7 @@ from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.posed import pose_program
 from conflank_cli.verification.poses import Poses
 from conflank_cli.verification.program import RETRACT_CHECKED, Moves, Program
+from conflank_cli.verification.record import against
 from conflank_cli.verification.result import (
     Clearances,
     CutFigures,
@@ -188,6 +189,7 @@ def _judge(
         program=name or program.name,
         program_sha256=digest,
         called_sha256={part.name: _digest(part.text) for part in program.called},
+        against=against(scene),
         judged={
             "interpolation": "worse of great circle and even rotary motion",
             "tools": ", ".join(sorted({tool.name for tool in used})),
