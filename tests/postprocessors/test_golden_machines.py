@@ -65,8 +65,14 @@ def machine_named(name: str) -> Machine:
     return parse_machine(text, f"{name}.toml")
 
 
-def small_path(with_pass: bool) -> ToolPath:
-    """A sweep of three poses that swings and, linked to it, a pass of two; at least 20 degrees off upright."""
+HEADS = ("head-table", "head-head", "nutating-head")
+
+
+def small_path(with_pass: bool, with_head: bool) -> ToolPath:
+    """A sweep of three poses that swings and, linked to it, a pass of two; at least 20 degrees off upright.
+
+    `with_head`: at the end the spindle comes upright; all these machines then have their C along Z.
+    """
 
     def axes(*angles: tuple[float, float]) -> np.ndarray:
         tilt, azimuth = np.radians(np.array(angles)).T
@@ -91,6 +97,9 @@ def small_path(with_pass: bool) -> ToolPath:
         after = ways(2, Purpose.PASS, *ball, low=True, high=False)
         tip = np.vstack([stretches[-1].tip[-1:], after[0].tip[:1]])
         stretches += [Stretch(Purpose.LINK, 2, tip, np.repeat(ball[1][:1], 2, axis=0), np.zeros(2)), *after]
+    if with_head:
+        top = stretches[-1].tip[-1:]
+        stretches.append(Stretch(Purpose.UPRIGHT, 1, top, np.array([[0.0, 0.0, 1.0]]), np.zeros(1)))
     return ToolPath(
         "GOLDEN", "tiny", (0,), "CAD", (-5.0, -5.0, -10.0), (10.0, 5.0, 0.0), (Operation(T1, tuple(stretches)),)
     )
@@ -120,7 +129,7 @@ def test_every_shipped_machine_has_golden_programs() -> None:
 @pytest.mark.parametrize("name", AXES)
 @pytest.mark.parametrize(("kind", "style"), STYLES)
 def test_golden_program_of_the_machine(name: str, kind: str, style: str) -> None:
-    path = small_path(with_pass=name == "ac-table")
+    path = small_path(with_pass=name == "ac-table", with_head=name in HEADS)
     post = post_named(kind)
     text = post.write(path, machine_named(name), ProgramOptions("0.1.0", style=style))[0].text
     golden = GOLDEN / f"{name}.{style}{post.suffix}"
