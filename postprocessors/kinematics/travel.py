@@ -97,7 +97,7 @@ def check_travel(machine: Machine, visits: tuple[VisitWords, ...], mounting: Mou
             for visit, place in zip(visits, places, strict=True)
             for pose in place.pose
         ]
-        raise _out_of_travel(every, room, labels, np.stack([least, most], axis=-1), complete)
+        raise _out_of_travel(every, room, labels, np.stack([least, most], axis=-1), complete, machine)
     supposed = {name: round(lengths[name], 3) for name in unknown}
     x, y, z = (float(value) for value in zero)
     return TravelCheck(complete, low, high, (x, y, z), margin, supposed)
@@ -166,14 +166,17 @@ def _roomiest(
     return np.asarray(found.x[:3]), {**mounting.gauge_length, **lengths_found}
 
 
-def _out_of_travel(every: Array, room: Array, labels: list[str], limits: Array, complete: bool) -> PostError:
+def _out_of_travel(
+    every: Array, room: Array, labels: list[str], limits: Array, complete: bool, machine: Machine
+) -> PostError:
     """Name the worst pose, and what the axis has."""
     pose, axis = (int(index) for index in np.unravel_index(room.argmin(), room.shape))
     letter = "XYZ"[axis]
     low, high = (float(value) for value in limits[pose, axis])
     if complete:
         found = f"{letter}{every[pose, axis]:+.3f} in machine coordinates"
-        expected = f"{letter} {low:g} .. {high:g}"
+        retract = ", the retract's height" if high < machine.linear.each[axis].travel_mm[1] else ""
+        expected = f"{letter} {low:g} .. {high:g}{retract}"
         return PostError(labels[pose], found, expected, "Move the part ([machine] zero), or take another machine.")
     first, last = labels[int(every[:, axis].argmin())], labels[int(every[:, axis].argmax())]
     need = float(np.ptp(every[:, axis]))

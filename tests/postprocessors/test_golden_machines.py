@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from conflank_cli.verification.kinematics import CAD_FRAME
 from conflank_cli.verification.poses import poses_on_part
 from conflank_cli.verification.reader import read_program
+from postprocessors.errors import PostError
 from postprocessors.machines import machine as machines
 from postprocessors.machines.machine import Machine, load_machine, parse_machine, shipped_machines
 from postprocessors.post import ProgramOptions, post_named
@@ -161,3 +162,10 @@ def test_golden_program_of_the_machine(name: str, kind: str, style: str) -> None
     np.testing.assert_allclose(poses.axis[known], wanted[:, 3:], atol=1.3e-6)
     labels = [(cut.kind, cut.number) for cut in read.cuts]
     assert labels == [("sweep", 1), ("pass", 2)][: len(labels)] and len(labels) == (2 if name == "ac-table" else 1)
+
+
+def test_an_upright_pose_for_another_machine_is_refused() -> None:
+    """A path whose spindle stands upright along Z, on a machine whose table would have to be at 0 for that."""
+    path = small_path(with_pass=False, with_head=True)
+    with pytest.raises(PostError, match="one pose with the head axes of ac-table at 0"):
+        post_named("h").write(path, load_machine("ac-table"), ProgramOptions("0.1.0"))
