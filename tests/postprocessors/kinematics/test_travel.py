@@ -79,7 +79,7 @@ HEAD_TABLE = load_machine("head-table")
 
 
 def turning_upright(x: float) -> VisitWords:
-    """The tip at rest while B goes from 100 degrees to 0: the carriage swings out to 150 + L west, and a little less."""
+    """The tip at rest while B goes from 100 degrees to 0: the carriage swings out to 150 + L and back a little."""
     return visit(np.array([[x, 0.0, 100.0]] * 2), np.array([[0.0, 100.0], [0.0, 0.0]]))
 
 
