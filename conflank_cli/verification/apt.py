@@ -80,6 +80,7 @@ def read_apt(text: str) -> Program:
         tolerance=None,
         unknown_moves=recorder.unknown_moves,
         findings=tuple(recorder.findings.values()),
+        unknown=tuple(recorder.unknown),
     )
 
 

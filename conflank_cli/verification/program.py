@@ -133,9 +133,9 @@ class UnknownMove:
     Attributes
     ----------
     before: index of the first known pose (row of `Moves`) that comes after it.
-    kind: "limit" (M140 MB MAX: along the tool axis to the limit of the machine), "machine" and "machine 2" (M91, M92:
-        coordinates of the machine), "turn" (rotary axes without tool centre point control; X, Y and Z stand), or "lost"
-        (a tool change, or anything else after which the position is not known).
+    kind: "tool" (tool change), "limit" (M140 MB MAX: along the tool axis to the limit of the machine), "machine" and
+        "machine 2" (M91, M92: coordinates of the machine), "turn" (rotary axes without tool centre point control; X, Y
+        and Z stand), or "lost" (anything else after which the position is not known).
     words: axis words by letter in mm or radians, None where the value is not known; machine coordinates for "machine"
         and "machine 2", positions of rotary axes for "turn".
     rapid: whether it is a rapid.
@@ -367,7 +367,7 @@ class Recorder:
         if self._tcpm:
             self.find("CF113", "tool called while tool centre point control is active", block)
         self.tool_calls.append(ToolCall(number, name, block))
-        self._note("lost", {}, False, block)
+        self._note("tool", {}, True, block)
         self._cut = -1
         self._physical = None
         self._retracted = True
@@ -480,12 +480,14 @@ class Recorder:
             self._point_along(vector, block)
         x, y, z = linear.values()
         if self.axes is None or self.foreign_frame:
+            self._note("lost", {}, rapid, block)
             self._physical = None
             self.unknown_moves += 1
             if self.foreign_frame:
                 self.find("CF105", f"move under {self.foreign_frame}, which is not followed", block)
             return
         if self.spatial and self._vector is None and not self._upright():
+            self._note("lost", {}, rapid, block)
             self._physical = None
             self.find("CF108", "rotary words under AXIS SPAT are spatial angles, which are not followed", block)
             return

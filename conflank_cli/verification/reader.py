@@ -9,8 +9,16 @@ from conflank_cli.verification.conversational import Called, read_conversational
 from conflank_cli.verification.iso import read_iso
 from conflank_cli.verification.program import Program
 
+_BEFORE = "\ufeff\x00 \r\n\t"
+"""What may stand before the first word."""
 _ISO = re.compile(r"\s*(?:N\d+\s*)?%|\s*N\d+\s*(?:;|G\d|[TM]\d)")
 _APT = re.compile(r"^\s*(?:PARTNO|GOTO\s*/|LOADTL\s*/|MULTAX|FEDRAT\s*/|UNITS\s*/)", re.MULTILINE)
+
+
+def is_apt(text: str) -> bool:
+    """Whether a program is APT data: tool axes for no machine in particular."""
+    head = text.lstrip(_BEFORE)
+    return not _ISO.match(head) and "BEGIN PGM" not in head[:10_000] and _APT.search(head) is not None
 
 
 def read_program(text: str, called: Called | None = None) -> Program:
@@ -25,9 +33,8 @@ def read_program(text: str, called: Called | None = None) -> Program:
     -------
     What it states about itself, the poses that follow from it, and findings for all that does not.
     """
-    head = text.lstrip("\ufeff\x00 \r\n\t")
-    if _ISO.match(head):
-        return read_iso(text)
-    if "BEGIN PGM" not in head[:10_000] and _APT.search(head):
+    if is_apt(text):
         return read_apt(text)
+    if _ISO.match(text.lstrip(_BEFORE)):
+        return read_iso(text)
     return read_conversational(text, called)
