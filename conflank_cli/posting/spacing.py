@@ -167,7 +167,7 @@ def _uneven(ride: Ride | PassRide, t: Array) -> npt.NDArray[np.bool_]:
     uneven = np.zeros(len(length), dtype=np.bool_)
     uneven[1:] |= length[1:] > UNEVEN * length[:-1]
     uneven[:-1] |= length[:-1] > UNEVEN * length[1:]
-    return uneven & (length > SHORT)
+    return np.asarray(uneven & (length > SHORT))
 
 
 def _graded(length: Array, t: Array) -> Array:

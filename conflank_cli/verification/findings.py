@@ -18,6 +18,7 @@ CODES: dict[str, str] = {
     "CF111": "no cutting move",
     "CF112": "feed unknown",
     "CF113": "tool centre point control misused",
+    "CF115": "feed out of limits",
     "CF116": "way not proven",
     "CF201": "gouge",
     "CF202": "coverage missed",
@@ -28,6 +29,9 @@ CODES: dict[str, str] = {
     "CF304": "holder too near",
     "CF401": "axis out of range",
     "CF402": "axis out of travel",
+    "CF403": "axis too fast",
+    "CF404": "acceleration",
+    "CF405": "jerk",
 }
 """1xx reading, 2xx cut, 3xx clearance, 4xx machine. A code never gets another meaning; new kinds get new numbers."""
 
@@ -42,7 +46,7 @@ class Finding(Struct, frozen=True, omit_defaults=False):
     block: number of the block in the program (its line where blocks are not numbered), if it has one.
     place: point in the CAD frame, mm, if it has one.
     amount, limit: the value found and the one allowed, in `unit`.
-    unit: "um", "mm", "deg", "1" or "".
+    unit: "um", "mm", "deg", "1", "mm/min", "mm/s", "mm/s2", "mm/s3", "deg/s", "deg/s2", "deg/s3" or "".
     count: how many times the same thing occurs; block and place are then those of the first or worst.
     """
 
