@@ -159,7 +159,13 @@ def _shorter_ways(turns: Array, machine: MachineModel) -> Array:
 
 
 def contact_feeds(
-    poses: Poses, program: Program, tools: Sequence[Tool | None], scene: Scene, cutting: Flags, load: Array
+    poses: Poses,
+    program: Program,
+    tools: Sequence[Tool | None],
+    scene: Scene,
+    cutting: Flags,
+    labelled: Flags,
+    load: Array,
 ) -> list[Finding]:
     """Feeds in contact that are not the tool's.
 
@@ -167,12 +173,12 @@ def contact_feeds(
     ----------
     poses, program, tools: as posed.
     scene: its job tells where the feed is counted: at the fastest point of what cuts, or at the tip.
-    cutting: (N,) moves that have left some of the surface as it is. Those of labelled cuts are checked as well.
+    cutting: (N,) moves that have left some of the surface as it is.
+    labelled: (N,) moves of cuts that the program labels as such, of those that are to be checked.
     load: (N,), see `Driven`. A feed far below the tool's needs a reason among the axes, where cuts are labelled.
     """
     moves = poses.moves
     kind = np.array([*(cut.kind for cut in program.cuts), ""])[moves.cut]
-    labelled = np.isin(kind, ("sweep", "pass"))
     feeds = np.array([*(np.nan if tool is None else tool.feed_mm_min for tool in tools), np.nan])[moves.tool]
     checked = moves.joined & ~moves.rapid & (moves.feed > 0.0) & np.isfinite(feeds) & (labelled | cutting)
     checked[:1] = False
@@ -201,6 +207,11 @@ def contact_feeds(
     if slow.any():
         findings.append(_other_feed(moves, at, np.where(slow, wanted / feed, 0.0), feed, wanted, int(slow.sum())))
     return findings
+
+
+def labelled_cuts(program: Program) -> Flags:
+    """Which moves (N,) belong to what the program labels as a sweep or a pass."""
+    return np.isin(np.array([*(cut.kind for cut in program.cuts), ""])[program.moves.cut], ("sweep", "pass"))
 
 
 def _with_reason(slow: Flags, at: Integers, load: Array) -> Flags:

@@ -18,8 +18,14 @@ CODES: dict[str, str] = {
     "CF111": "no cutting move",
     "CF112": "feed unknown",
     "CF113": "tool centre point control misused",
-    "CF115": "feed out of limits",
+    "CF114": "spindle",
+    "CF115": "feed",
     "CF116": "way not proven",
+    "CF117": "tolerance cycle",
+    "CF118": "datum",
+    "CF119": "not what the control sees",
+    "CF120": "stop or rapid in contact",
+    "CF121": "coolant",
     "CF201": "gouge",
     "CF202": "coverage missed",
     "CF203": "gouge next to the design faces",
@@ -30,8 +36,8 @@ CODES: dict[str, str] = {
     "CF401": "axis out of range",
     "CF402": "axis out of travel",
     "CF403": "axis too fast",
-    "CF404": "acceleration",
-    "CF405": "jerk",
+    "CF404": "axis acceleration",
+    "CF405": "axis jerk",
 }
 """1xx reading, 2xx cut, 3xx clearance, 4xx machine. A code never gets another meaning; new kinds get new numbers."""
 

@@ -12,8 +12,9 @@ from conflank_cli.cores import threads
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
-from conflank_cli.verification.axes import Driven, contact_feeds, drive
+from conflank_cli.verification.axes import Driven, contact_feeds, drive, labelled_cuts
 from conflank_cli.verification.clearance import clearances_of, no_clearances
+from conflank_cli.verification.contact import in_contact
 from conflank_cli.verification.figures import (
     ROUNDING,
     contact_length,
@@ -139,6 +140,7 @@ def _judge(
     # A pass may gouge what a sweep has covered, but it cannot cover it for the sweep.
     coverage_flank = float(area[covers(swept.flank)].sum()) / total
 
+    findings += in_contact(program, poses, tools, surface + tolerance.allowance * normals, tolerance.undercut)
     findings += worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
     findings += too_near
     if coverage < scene.job.selection.coverage:
@@ -163,7 +165,8 @@ def _judge(
     times = driven.seconds
     cutting = np.zeros(len(moves.block), dtype=np.bool_)
     cutting[swept.move[covered & (swept.move >= 0)]] = True
-    findings += contact_feeds(poses, program, tools, scene, cutting, driven.load)
+    labelled = labelled_cuts(program) if owned is None else labelled_cuts(program) & owned
+    findings += contact_feeds(poses, program, tools, scene, cutting, labelled, driven.load)
     sweeps: list[CutFigures] = []
     passes: list[CutFigures] = []
     for index, label in enumerate(program.cuts):

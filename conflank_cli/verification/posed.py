@@ -12,12 +12,13 @@ import numpy.typing as npt
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
+from conflank_cli.verification.agreement import disagreements
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.kinematics import Frame
 from conflank_cli.verification.machine import MachineModel, machine_of
 from conflank_cli.verification.poses import Poses, poses_on_part
 from conflank_cli.verification.program import Program
-from conflank_cli.verification.reader import is_apt, read_program
+from conflank_cli.verification.reader import read_program
 from conflank_cli.verification.standing import Standing
 from conflank_cli.verification.travel import out_of_range, out_of_travel
 from conflank_cli.verification.ways import Mounted, Ways, follow_ways
@@ -79,7 +80,15 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             for tool in scene.tools
             if (tool.name == stated[0].name if stated else tool.number == call.number or tool.name == call.name)
         ]
-        label = f"tool {call.number if call.number is not None else call.name}"
+        called = call.name if call.number is None else str(call.number)
+        label = f"tool {called}"
+        foreign = scene.job.program.foreign
+        if not stated and foreign is not None:
+            wanted = foreign.tools.get(called or "")
+            meant = [tool for tool in scene.tools if tool.name == wanted] if wanted else drawer
+            if len(meant) == 1:
+                tools.append(meant[0])
+                continue
         if not stated:
             text = f"{label} is not stated in the header (; TOOL n name R_MIN .. R_MAX .. LENGTH ..)"
             if len(drawer) == 1:
@@ -88,6 +97,10 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             tools.append(drawer[0] if len(drawer) == 1 else None)
             continue
         size = stated[0]
+        if len(stated) > 1:
+            findings.append(
+                Finding("CF109", f"{label} is stated more than once in the header, and differently", call.block)
+            )
         if not (0.0 < size.r_min <= size.r_max and size.length > 0.0):
             findings.append(Finding("CF109", f"{label}: R_MIN, R_MAX and LENGTH make no cutter", call.block))
             tools.append(None)
@@ -115,6 +128,8 @@ def _frame_of(program: Program, scene: Scene) -> tuple[Frame, list[Finding]]:
     setup = scene.job.setup
     own = Frame(setup.rotate_deg, setup.translate)
     stated = program.header.frame
+    if stated is None and scene.job.program.foreign is not None:
+        return own, []
     if stated is None:
         text = "the frame is not stated in the header (; FRAME ..); judged in the frame of the job's [setup]"
         return own, [Finding("CF104", text)]
@@ -168,9 +183,9 @@ def _by_machine(program: Program, machine: MachineModel) -> tuple[Program, list[
     # An axis that no word names stands at zero.
     for column, letter in enumerate(machine.letters):
         if letter in letters:
-            rotary[:, column] = moves.rotary[:, letters.index(letter)]
-    # So do all where nothing names any; elsewhere, with a vector, they stand wherever that wants them.
-    if letters or not np.all(moves.vector[by_vector] == [0.0, 0.0, 1.0]):
+            rotary[:, column] = np.nan_to_num(moves.rotary[:, letters.index(letter)])
+    # So do all where nothing turns any; elsewhere, with a vector, they stand wherever that wants them.
+    if named or not by_vector.all() or not np.all(moves.vector == [0.0, 0.0, 1.0]):
         rotary[by_vector] = np.nan
     return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary)), []
 
@@ -197,15 +212,18 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
     InputError: the job's machine cannot be read.
     """
     machine = machine_of(scene.job.machine)
-    program = read_program(text, called)
+    program = read_program(text, called, machine.axes, machine.harmless)
     findings = list(program.findings)
     tools, found = _tools_of(program, scene)
     findings += found
     frame, found = _frame_of(program, scene)
-    findings += [*found, *_contradictions(program, scene, machine)]
-    if program.header.reference is None:
+    findings += [*found, *_contradictions(program, scene, machine), *disagreements(program, scene.job, tools)]
+    reference, foreign = program.header.reference, scene.job.program.foreign
+    if reference is None and foreign is not None:
+        reference = foreign.reference.upper()
+    elif reference is None:
         findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
-    centre = program.header.reference == "SPHERE CENTRE"
+    centre = reference == "SPHERE CENTRE"
     below = tuple(0.0 if tool is None or not centre else tool.ball_radius for tool in tools)
     program, found = _by_machine(program, machine)
     findings += found
@@ -220,10 +238,16 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
             lengths=lengths,
             below=below,
             named=_named([text, *(part.text for part in program.called)]),
-            no_machine=is_apt(text),
+            no_machine=not program.control,
         )
         ways = follow_ways(program, mounted)
-        program = replace(program, moves=ways.moves, unknown=ways.unknown, unknown_moves=ways.unknown_moves)
+        program = replace(
+            program,
+            moves=ways.moves,
+            unknown=ways.unknown,
+            events=ways.events,
+            unknown_moves=ways.unknown_moves,
+        )
         rotary = ways.rotary
         findings += [*ways.findings, *_out_of_reach(ways, mounted)]
     moves = program.moves

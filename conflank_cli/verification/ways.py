@@ -24,7 +24,7 @@ import numpy.typing as npt
 from conflank_cli.tool import Tool
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.machine import MachineModel
-from conflank_cli.verification.program import RETRACT_CHECKED, Interpolation, Moves, Program, UnknownMove
+from conflank_cli.verification.program import RETRACT_CHECKED, Event, Interpolation, Moves, Program, UnknownMove
 from conflank_cli.verification.standing import Standing, discs, lowest
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +87,7 @@ class Ways:
     moves: as read, with the poses that stand for ways in between; these belong to no cut.
     added: which of `moves` stand for ways in between, (N,).
     rotary: positions of the rotary axes at all of `moves`, (N, 2) radians, in the machine's order; NaN where not known.
-    unknown: as read, counted anew.
+    unknown, events: as read, counted anew.
     unknown_moves: how many moves were neither followed nor proven free.
     findings: those moves.
     """
@@ -96,6 +96,7 @@ class Ways:
     added: npt.NDArray[np.bool_]
     rotary: Array
     unknown: tuple[UnknownMove, ...]
+    events: tuple[Event, ...]
     unknown_moves: int
     findings: tuple[Finding, ...]
 
@@ -119,7 +120,8 @@ class _State:
 
     retracted: fully, above everything. nose: where X, Y and Z may stand, machine coordinates, (3,) each; empty where
     that is not known. pose: the move at whose end the cutter still is, or -1. rotary: positions, NaN where not known.
-    call: the tool call in force. lost: whether nothing at all is known.
+    in_plane: whether the control has turned the axes as a tilted plane asks. call: the tool call in force. lost:
+    whether nothing at all is known.
     """
 
     rotary: Array
@@ -128,6 +130,7 @@ class _State:
     nose: list[Array] = field(default_factory=list)
     pose: int = -1
     lost: bool = False
+    in_plane: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +186,9 @@ class _Walk:
     def _state_before(self, move: int) -> _State:
         """At the end of the known pose before a move; at the beginning axes that are never named stand at zero."""
         if move == 0:
+            # Tool vectors move axes without naming them.
+            unknown = not np.isfinite(self.moves.rotary).all()
             named = self.mounted.named
-            unknown = self.mounted.no_machine
             start = [np.nan if unknown or letter in named else 0.0 for letter in self.machine.letters]
             return _State(np.array(start))
         state = _State(self.rotary[move - 1].copy(), int(self.moves.tool[move - 1]), pose=move - 1)
@@ -256,6 +260,8 @@ class _Walk:
             self._to_machine(move, state)
         elif move.kind == "turn":
             self._turn(move, state)
+        elif move.kind == "across":
+            self._across(move, state)
         elif move.kind == "machine 2":
             self._lose(state, move, "M92: where the builder's second datum lies is not known", move.block)
         else:
@@ -263,6 +269,18 @@ class _Walk:
             self._lose(state, move, f"{what} does not follow from the text", move.block)
         if move.kind not in ("tool", "limit", "machine"):
             self._set_rotary(state, move.words)
+        if move.kind == "turn":
+            state.in_plane = set(move.words.values()) == {None}
+
+    def _across(self, move: UnknownMove, state: _State) -> None:
+        """X and Y across the tool axis at an unknown height: as high as before where that axis is the machine's Z."""
+        known = bool(np.isfinite(state.rotary).all())
+        straight = not self._heads or (known and bool(self.machine.upright(state.rotary[None])[0]))
+        if not (state.retracted and (straight or self.mounted.no_machine)):
+            self._lose(
+                state, move, "a move across the tool axis that is not at the machine's retract height", move.block
+            )
+        state.nose, state.pose = [], -1
 
     def _set_rotary(self, state: _State, words: Mapping[str, float | None]) -> None:
         for column, letter in enumerate(self.machine.letters):
@@ -511,11 +529,14 @@ class _Walk:
                 self._find(f"{_LOST}, and it does not start from a full retract", block, program)
             return
         tip, axis = self._tip(start)
-        up = self._up(state.rotary, axis)
-        if not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
+        ups = [self._up(state.rotary, axis)]
+        if state.in_plane and np.isnan(self.rotary[start]).any():
+            # The axes stand in one of the two ways that point the tool along its axis in the plane.
+            ups = [self._up(np.nan_to_num(rotary[0]), axis) for rotary in self.machine.positions(axis)]
+        elif not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
             self._find(f"{_LOST}: the rotary axes turn on the way down from the retract", block, program)
             return
-        lift = self._lift(self._tool(state), tip, axis, up)
+        lift = min(self._lift(self._tool(state), tip, axis, up) for up in ups)
         if not lift >= ABOVE:
             kind = "rapid" if rapid else "feed move"
             why = f"a {kind} from a full retract to a pose that is not above everything along the machine's Z"
@@ -592,6 +613,8 @@ class _Walk:
             tool=with_rows(moves.tool, [row.call for row in rows]),
             joined=with_rows(self.joined, joined),
             interpolation=with_rows(moves.interpolation, np.full(count, int(Interpolation.AXIS))),
+            spindle=with_rows(moves.spindle, np.zeros(count)),
+            coolant=with_rows(moves.coolant, np.zeros(count, dtype=np.int64)),
             called=tuple(
                 (first + sum(row.at < first or (row.at == first and row.program != name) for row in rows), name)
                 for first, name in moves.called
@@ -600,8 +623,15 @@ class _Walk:
         unknown = tuple(
             replace(move, before=move.before + int(np.sum(at <= move.before))) for move in self.program.unknown
         )
+        events = tuple(
+            # What happens after a pose stays with it: poses that are added come later.
+            replace(event, before=event.before + int(np.sum(at < event.before)))
+            for event in self.program.events
+        )
         added = with_rows(np.zeros(len(self.joined), dtype=np.bool_), np.ones(count, dtype=np.bool_))
-        return Ways(result, added, with_rows(self.rotary, turn), unknown, self.count, tuple(self.found.values()))
+        return Ways(
+            result, added, with_rows(self.rotary, turn), unknown, events, self.count, tuple(self.found.values())
+        )
 
     def _vectors_for(self, rows: Sequence[_Row]) -> Array:
         """Tool axes of poses whose rotary positions are not known: those of the move before."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,7 +16,7 @@ from benchmarks import simulated_machine
 from conflank_cli.job import Machine
 from conflank_cli.scene import Scene
 from conflank_cli.verification import axes
-from conflank_cli.verification.axes import Driven, contact_feeds, drive
+from conflank_cli.verification.axes import Driven, contact_feeds, drive, labelled_cuts
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.posed import PosedProgram, pose_program
 from postprocessors.machines.machine import load_machine
@@ -88,7 +87,7 @@ def test_a_circle_asks_for_the_square_of_its_speed_over_the_radius() -> None:
         assert [finding.text[0] for finding in found[code]] == ["X", "Y"]
         for finding in found[code]:
             # Chords of 15 degrees; what rounding coordinates of four decimals can make is subtracted.
-            assert finding.amount == pytest.approx(amount, rel=0.02 if code == "CF404" else 0.06)
+            assert finding.amount == pytest.approx(amount, rel=0.02 if code == "CF404" else 0.08)
             assert (finding.limit, finding.unit) == (limit, unit)
             assert finding.block is not None and finding.count > 10
     assert driven(path_blocks(circle(24.0, 90), np.full(90, 6000.0))).findings == ()
@@ -180,7 +179,7 @@ def contact(blocks: Sequence[str], label: str = "SWEEP 1") -> list[Finding]:
     posed = posed_of(blocks, label=label)
     ran = drive(posed, SCENE)
     none = np.zeros(len(ran.load), dtype=np.bool_)
-    return contact_feeds(posed.poses, posed.program, posed.tools, SCENE, none, ran.load)
+    return contact_feeds(posed.poses, posed.program, posed.tools, SCENE, none, labelled_cuts(posed.program), ran.load)
 
 
 def straight(feed: int, count: int = 40) -> list[str]:
@@ -221,8 +220,11 @@ def test_an_unlabelled_cut_is_checked_where_it_cuts() -> None:
     posed = posed_of(straight(3000))
     ran = drive(posed, SCENE)
     none = np.zeros(len(ran.load), dtype=np.bool_)
-    assert contact_feeds(posed.poses, posed.program, posed.tools, SCENE, none, ran.load) == []
-    (finding,) = contact_feeds(posed.poses, posed.program, posed.tools, SCENE, ~none, ran.load)
+    assert (
+        contact_feeds(posed.poses, posed.program, posed.tools, SCENE, none, labelled_cuts(posed.program), ran.load)
+        == []
+    )
+    (finding,) = contact_feeds(posed.poses, posed.program, posed.tools, SCENE, ~none, none, ran.load)
     assert finding.amount == pytest.approx(3000.0)
 
 
@@ -241,7 +243,7 @@ def test_doubling_a_feed_is_found() -> None:
     blocks = path_blocks(circle(10.0, 60), np.full(60, 5000.0))
     assert driven(blocks).findings == ()
     for k in (10, 30, 45):
-        for factor in (2, 0.5):
+        for feed in ("F10000", "F2500"):
             changed = [*blocks]
-            changed[k] = re.sub(r"F(\d+)", lambda match: f"F{int(match[1]) * factor:.0f}", changed[k])
+            changed[k] = changed[k].replace("F5000", feed)
             assert {"CF404", "CF405"} & by_code(driven(changed)).keys()
