@@ -46,6 +46,9 @@ from conflank_cli.verification.swept import moves_by_cut, swept_gap
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
+WITHIN_MOVE = 0.01
+"""A move that has a point of the face nearest to it farther than this share from both of its ends cuts there."""
+
 _COARSE_POINTS = 2000
 """Points of a face by which it is told which copy of it a cut is for, about."""
 
@@ -164,7 +167,9 @@ def _judge(
     absolute = np.abs(gap[covered & (area > 0.0)])
     times = driven.seconds
     cutting = np.zeros(len(moves.block), dtype=np.bool_)
-    cutting[swept.move[covered & (swept.move >= 0)]] = True
+    # A retract leaves the face at its start, and an approach comes to it at its end: they do not cut there.
+    inside = (swept.share > WITHIN_MOVE) & (swept.share < 1.0 - WITHIN_MOVE)
+    cutting[swept.move[covered & inside & (swept.move >= 0)]] = True
     labelled = labelled_cuts(program) if owned is None else labelled_cuts(program) & owned
     findings += contact_feeds(poses, program, tools, scene, cutting, labelled, driven.load)
     sweeps: list[CutFigures] = []
