@@ -205,7 +205,7 @@ PLAN = encode_artifact("plan", scene_of(), [sweep_of(5), sweep_of(6)], {})
         (PLAN[:400], "truncated"),
         (altered(PLAN, {"schema": "conflank/candidates"}), "'conflank/candidates'"),
         (altered(PLAN, {"schema": "other/plan"}), "'other/plan'"),
-        (altered(PLAN, {"version": 2}), "version 2"),
+        (altered(PLAN, {"version": 1}), "version 1"),
         (altered(PLAN, {"units": {"length": "inch", "angle": "rad"}}), "inch"),
         (altered(PLAN, {"novelty": 1}), "novelty"),
         (altered(PLAN, {"job": {}}), "part"),
