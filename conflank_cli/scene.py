@@ -29,7 +29,7 @@ class Scene:
     tools: the tools of the drawer in the job's order.
     mesh: what nothing may touch (empty arrays for none), made when first asked for: faces are there before it.
     inputs: SHA-256 of every input file by file name.
-    rest: what is left of design faces outside their regions, in pieces with the face's number; nothing may cut it deeper
+    rest: what is left of design faces outside their regions, in pieces with the face's number; it may be cut no deeper
         than the design face itself.
     surfaces: the CAD surfaces behind the triangles of `mesh` that come from the part, made when first asked for; a face
         that cannot be converted has its triangles alone.

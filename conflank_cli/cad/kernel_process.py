@@ -134,7 +134,8 @@ class KernelProcess:
         """Have the file read; what is returned waits for the part, or raises what `read_part` raises.
 
         Only what is wanted of the part can be asked of it, and within the context: triangles and surfaces of what
-        nothing may touch are waited for when they are asked for. A file in JSON has no use for the kernel, and is read here.
+        nothing may touch are waited for when they are asked for. A file in JSON has no use for the kernel, and is read
+        here.
         """
         process = self._process
         if process is None or process.stdin is None or wanted.path.suffix.lower() == ".json":

@@ -174,9 +174,7 @@ def _turns(start: float, end: float) -> list[tuple[float, float]]:
 
 
 def _overlap(one: Box, other: Box) -> bool:
-    return all(
-        min(one[k + 1], other[k + 1]) - max(one[k], other[k]) > SAME for k in (0, 2)
-    )
+    return all(min(one[k + 1], other[k + 1]) - max(one[k], other[k]) > SAME for k in (0, 2))
 
 
 def _outside(regions: Sequence[Box]) -> list[Box]:

@@ -25,6 +25,7 @@ from conflank_cli.verification.figures import (
     worst_gouges,
 )
 from conflank_cli.verification.findings import Finding
+from conflank_cli.verification.places import Places
 from conflank_cli.verification.posed import pose_program
 from conflank_cli.verification.poses import Poses
 from conflank_cli.verification.program import RETRACT_CHECKED, Moves, Program
@@ -38,7 +39,6 @@ from conflank_cli.verification.result import (
 )
 from conflank_cli.verification.sampling import (
     POINTS_PER_FACE,
-    Places,
     sample_face,
 )
 from conflank_cli.verification.swept import moves_by_cut, swept_gap
@@ -120,7 +120,7 @@ def _judge(
     near = stretches if owned is None else moves_by_cut(poses, tools, owned)
 
     def clear() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
-        return clearances_of(scene, poses, near, places) if stretches and near else no_clearances()
+        return clearances_of(scene, poses, near, places.targets) if stretches and near else no_clearances()
 
     with threads() as pool:
         clearing = pool.submit(clear)
