@@ -201,7 +201,7 @@ def serve() -> None:
     os._exit(0)
 
 
-def _read(wanted: Wanted) -> Iterator[Tried[Any]]:
+def _read(wanted: Wanted) -> Iterator[Tried[Any] | Checked]:
     """The part with the geometry of its design faces, and what is to be checked; then that, if there is any."""
     from conflank_cli.cad.reader import read_part
     from conflank_cli.cad.triangulation import DEFLECTION_MM

@@ -27,6 +27,7 @@ from conflank_cli.verification.gap import (
     BodyMotion,
     ball_body,
     cone_body,
+    frustum_body,
     section_bodies,
     spatial_order,
 )
@@ -61,6 +62,15 @@ told, for radii of half a millimetre and more."""
 
 _COVER = 0.58
 """No place on a triangle is further from its nearest corner than this share of its longest side."""
+
+_SMOOTH = 0.42
+"""What is smooth comes nearer between the corners of a piece of size h by h^2 times this at most, 1/mm: half the square
+of `_COVER` over the radius at which tool and face bend towards each other, 0.4 mm and more. What has an edge may come
+nearer by as much as it is away from the corners."""
+
+_RIM = 1.0
+"""Of a cone this much below its upper edge is looked at as what has an edge, mm: more than a piece that counts as
+smooth reaches."""
 
 _FEW = 64
 """One point in so many is measured first, to tell how near the nearest of all is at most."""
@@ -174,8 +184,45 @@ def _measured(motions: Sequence[BodyMotion], points: Array, sag: Array, mark: Ar
     return _Measured(distance, move, share)
 
 
-def _nearest(motions: Sequence[BodyMotion], sample: MeshSample, limit: float, least: float) -> _Nearest | None:
-    """The nearest place of a target to bodies in motion; None where nothing is below the limit or `least`, mm."""
+class _Search(NamedTuple):
+    """One way of looking for what is near.
+
+    by: motions of the bodies by which it is looked for; to: of those by which the nearest places are measured.
+    smooth: whether the bodies have no edge that matters.
+    """
+
+    by: Sequence[BodyMotion]
+    to: Sequence[BodyMotion]
+    smooth: bool
+
+
+def _searches(stretches: list[CutMoves], component: str) -> list[_Search]:
+    """How a component is looked for."""
+
+    # What the axis does between blocks does not matter here: both ways are one motion.
+    def moving(name: str) -> list[BodyMotion]:
+        return [
+            BodyMotion.of(join_cells(list(stretch.cells)), body)
+            for stretch in stretches
+            for body in _component(stretch.tool, name)
+        ]
+
+    own = moving(component)
+    if component == "cone":
+        return [_Search(own, own, smooth=True), _Search(moving("rim"), own, smooth=False)]
+    return [_Search(own, own, smooth=component == "ball")] if own else []
+
+
+def _unseen(sample: MeshSample, smooth: bool) -> Array:
+    """By how much something may come nearer within a piece than at its corners, (K,) mm; `smooth` for a ball."""
+    size = sample.longest
+    straight = _COVER * size
+    return np.asarray((np.minimum(straight, _SMOOTH * size**2) if smooth else straight) + sample.piece_sag)
+
+
+def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) -> _Nearest | None:
+    """The nearest place of a target to a component; None where nothing is below the limit or `least`, mm."""
+    motions = search.by
     some = np.arange(len(sample.points))[::_FEW]
     few = _measured(motions, sample.points[some], sample.sag[some], np.full(len(some), np.inf))
     mark = max(limit, min(least, few.distance.min(initial=np.inf)))
@@ -187,7 +234,7 @@ def _nearest(motions: Sequence[BodyMotion], sample: MeshSample, limit: float, le
     sags: list[Array] = []
     while True:
         mark = max(limit, min(least, found.distance.min(initial=np.inf)))
-        bound = -largest(-found.distance[sample.pieces]) - _COVER * sample.longest - sample.piece_sag
+        bound = -largest(-found.distance[sample.pieces]) - _unseen(sample, search.smooth)
         long, matters = sample.longest > FINEST, bound < mark
         closest.append(sample.pieces[~long & matters])
         sags.append(sample.piece_sag[~long & matters])
@@ -208,7 +255,7 @@ def _nearest(motions: Sequence[BodyMotion], sample: MeshSample, limit: float, le
         float(found.distance[at]), sample.points[at], int(sample.face[at]), int(found.move[at]),
         float(found.share[at]), beyond,
     )  # fmt: skip
-    return _closer(motions, sample.with_pieces(np.concatenate(closest), np.concatenate(sags)), found.distance, place)
+    return _closer(search.to, sample.with_pieces(np.concatenate(closest), np.concatenate(sags)), found.distance, place)
 
 
 def _closer(motions: Sequence[BodyMotion], sample: MeshSample, distance: Array, place: _Nearest) -> _Nearest:
@@ -242,6 +289,10 @@ def _component(tool: Tool, name: str) -> tuple[Body, ...]:
         return (ball_body(tool),)
     if name == "cone":
         return (cone_body(tool),)
+    if name == "rim":
+        low = max(tool.length - _RIM, 0.0)
+        radius = tool.r_min + (tool.r_max - tool.r_min) * low / tool.length
+        return (frustum_body("rim", low - tool.tip_height, radius, tool.length - tool.tip_height, tool.r_max),)
     shank, holder = section_bodies(tool)
     return shank if name == "shank" else holder
 
@@ -270,18 +321,16 @@ def _judged(
     scene: Scene, poses: Poses, stretches: list[CutMoves], targets: Sequence[tuple[str, MeshSample]], component: str
 ) -> _Judged:
     """Check a component against all targets."""
-    # What the axis does between blocks does not matter here: both ways are one motion.
-    motions = [
-        BodyMotion.of(join_cells(list(stretch.cells)), body)
-        for stretch in stretches
-        for body in _component(stretch.tool, component)
-    ]
+    searches = _searches(stretches, component)
     least, figures = np.inf, ClearanceFigures(None, None)
     findings: list[Finding] = []
     overcut: tuple[float, Place] | None = None
-    for target, sample in targets if motions else ():
+    for target, sample in targets:
         limit = limit_of(component, target, scene)
-        found = None if limit is None else _nearest(motions, sample, limit, least)
+        found: _Nearest | None = None
+        for search in searches if limit is not None else ():
+            near = _nearest(search, sample, limit, least if found is None else min(least, found.distance))
+            found = near if found is None or (near is not None and near.distance < found.distance) else found
         if found is None or limit is None:
             continue
         place = place_of(poses, found.point, found.face, found.move, found.share)

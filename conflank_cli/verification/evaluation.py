@@ -1,4 +1,4 @@
-"""Points of B-spline surfaces by SciPy, independently of the project's own kernels, and which points a trim encloses."""
+"""Points of B-spline surfaces by SciPy, independently of the project's own kernels, and which points a trim holds."""
 
 from __future__ import annotations
 
