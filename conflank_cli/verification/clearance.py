@@ -328,10 +328,12 @@ def _judged(
     for target, sample in targets:
         limit = limit_of(component, target, scene)
         found: _Nearest | None = None
-        for search in searches if limit is not None else ():
+        if limit is None:
+            continue
+        for search in searches:
             near = _nearest(search, sample, limit, least if found is None else min(least, found.distance))
             found = near if found is None or (near is not None and near.distance < found.distance) else found
-        if found is None or limit is None:
+        if found is None:
             continue
         place = place_of(poses, found.point, found.face, found.move, found.share)
         if found.distance < least:

@@ -13,12 +13,12 @@ from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
 from conflank_cli.verification.clearance import clearances_of, no_clearances
+from conflank_cli.verification.extremes import face_extremes, gap_on
 from conflank_cli.verification.figures import (
     RAPID_RATE,
     ROUNDING,
     contact_length,
     control_tolerance,
-    largest_step,
     micrometres,
     move_times,
     place_of,
@@ -41,7 +41,7 @@ from conflank_cli.verification.sampling import (
     POINTS_PER_FACE,
     sample_face,
 )
-from conflank_cli.verification.swept import moves_by_cut, swept_gap
+from conflank_cli.verification.swept import SweptMotions, moves_by_cut
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -122,15 +122,23 @@ def _judge(
     def clear() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
         return clearances_of(scene, poses, near, places.targets) if stretches and near else no_clearances()
 
-    with threads() as pool:
-        clearing = pool.submit(clear)
-        swept = swept_gap(surface + tolerance.allowance * normals, stretches, kinds)
-        clearances, too_near, next_to = clearing.result()
-    gap = swept.gap
-
     def covers(values: Array) -> npt.NDArray[np.bool_]:
         return np.asarray((values >= -tolerance.overcut - ROUNDING) & (values <= tolerance.undercut + ROUNDING))
 
+    with threads() as pool:
+        clearing = pool.submit(clear)
+        motions = SweptMotions.of(stretches, kinds)
+        swept = motions.gap(surface + tolerance.allowance * normals)
+        step: float | None = None
+        if stretches:
+            extremes = face_extremes(scene.faces, samples, swept, covers, gap_on(motions, tolerance.allowance))
+            step = extremes.step
+            # The worst places of all are points like others, which stand for no area.
+            swept = swept.then(extremes.swept)
+            surface, area = np.concatenate([surface, extremes.points]), np.append(area, np.zeros(len(extremes.face)))
+            face_of = np.append(face_of, extremes.face)
+        clearances, too_near, next_to = clearing.result()
+    gap = swept.gap
     covered = covers(gap)
     total = float(area.sum())
     coverage = float(area[covered].sum()) / total
@@ -180,7 +188,6 @@ def _judge(
         )
         (sweeps if label.kind == "sweep" else passes).append(figures)
     control = control_tolerance(program, used)
-    step = largest_step(samples, swept, covered)
     known = bool(stretches)
     return Verification(
         program=name or program.name,
@@ -193,7 +200,7 @@ def _judge(
             "reference": program.header.reference or "TIP",
             "rapid_rate_mm_min": RAPID_RATE,
             "retract_checked_mm": RETRACT_CHECKED,
-            "points": float(len(surface)),
+            "points": float(sum(len(sample.points) for sample in samples)),
         },
         coverage=round(coverage, 9),
         coverage_flank=round(coverage_flank, 9),

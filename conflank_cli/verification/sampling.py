@@ -32,13 +32,20 @@ class FaceSample:
     points: (N, 3) mm, CAD frame.
     normals: (N, 3) unit normals out of the metal.
     area: (N,) area each stands for, mm2; 0 on the border.
-    neighbours: pairs of grid points next to each other, (Q, 2).
+    neighbours: pairs of points next to each other on the grid, (Q, 2).
+    along: pairs of points next to each other on the border, (B, 2).
+    uv: (N, 2) parameters of the points.
+    reach: (N, 2, 2) two ways in the parameter plane along which a point stands for what is up to that far away: on the
+        grid in both directions, on the border forward to the next point, with nothing for the second.
     """
 
     points: Array
     normals: Array
     area: Array
     neighbours: Integers
+    along: Integers
+    uv: Array
+    reach: Array
 
 
 def _cells_of_even_length(edges: Array, lengths: Array, count: int) -> tuple[Array, Array]:
@@ -83,18 +90,39 @@ def sample_face(face: DesignFace, count: int = POINTS_PER_FACE) -> FaceSample:
         for first, last in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
         for both in [(first >= 0) & (last >= 0)]
     ]
-    border_points, border_normals = _sample_border(face)
+    inner = int(kept.sum())
+    border, ways, along = _sample_border(face)
+    border_points, border_normals, sound = points_and_normals(face, border)
+    # At a pole of the surface the normal is not defined by its derivatives; the point next to it speaks for it.
+    number = np.where(sound, inner + np.cumsum(sound) - 1, -1)
+    along = number[along]
+    reach = np.zeros((inner, 2, 2))
+    rows, columns = np.nonzero(kept)
+    reach[:, 0, 0], reach[:, 1, 1] = du[rows], dv[columns]
+    ahead = np.stack([ways, np.zeros_like(ways)], axis=1)
     return FaceSample(
-        points=np.concatenate([points[kept], border_points]),
-        normals=np.concatenate([normals[kept] / size[kept][:, None], border_normals]),
-        area=np.concatenate([(size * du[:, None] * dv[None, :])[kept], np.zeros(len(border_points))]),
+        points=np.concatenate([points[kept], border_points[sound]]),
+        normals=np.concatenate([normals[kept] / size[kept][:, None], border_normals[sound]]),
+        area=np.concatenate([(size * du[:, None] * dv[None, :])[kept], np.zeros(int(sound.sum()))]),
         neighbours=np.concatenate(pairs),
+        along=along[(along >= 0).all(axis=1)],
+        uv=np.concatenate([np.stack([u[rows], v[columns]], axis=1), border[sound]]),
+        reach=np.concatenate([reach, ahead[sound]]),
     )
 
 
-def _sample_border(face: DesignFace) -> tuple[Array, Array]:
-    """Points and normals along the trimming loops."""
-    pieces = []
+def points_and_normals(face: DesignFace, uv: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Points and unit normals out of the metal, (N, 3), at parameters (N, 2), and where there is a normal."""
+    points, by_u, by_v = evaluate_points(face.surface, uv)
+    normals = face.sense * np.cross(by_u, by_v)
+    size = np.linalg.norm(normals, axis=1)
+    sound = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
+    return points, normals / np.where(sound, size, 1.0)[:, None], sound
+
+
+def _sample_border(face: DesignFace) -> tuple[Array, Array, Integers]:
+    """Parameters (B, 2) of points along the trimming loops, the way to the next (B, 2), and pairs of next ones."""
+    pieces, ways, pairs, count = [], [], [], 0
     for loop in face.loops:
         ends = np.roll(loop, -1, axis=0)
         way = np.linalg.norm(evaluate_points(face.surface, ends)[0] - evaluate_points(face.surface, loop)[0], axis=1)
@@ -102,9 +130,8 @@ def _sample_border(face: DesignFace) -> tuple[Array, Array]:
         owner = np.repeat(np.arange(len(loop)), parts)
         share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
         pieces.append(loop[owner] + share[:, None] * (ends - loop)[owner])
-    points, by_u, by_v = evaluate_points(face.surface, np.concatenate(pieces))
-    normals = face.sense * np.cross(by_u, by_v)
-    size = np.linalg.norm(normals, axis=1)
-    # At a pole of the surface the normal is not defined by its derivatives; the point next to it speaks for it.
-    kept = size > 1e-9 * max(float(size.max()), 1e-300)
-    return points[kept], normals[kept] / size[kept][:, None]
+        ways.append((ends - loop)[owner] / parts[owner][:, None])
+        number = count + np.arange(len(owner))
+        pairs.append(np.stack([number, np.roll(number, -1)], axis=1))
+        count += len(owner)
+    return np.concatenate(pieces), np.concatenate(ways), np.concatenate(pairs)
