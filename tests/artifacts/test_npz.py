@@ -174,7 +174,7 @@ def test_numpy_alone_reads_it() -> None:
         document = json.loads(archive["meta"].tobytes())
         assert archive["motion_p"].shape == (5, 3)
     assert document["schema"] == "conflank/plan"
-    assert document["version"] == 1
+    assert document["version"] == 2
     assert document["units"] == {"length": "mm", "angle": "rad"}
     assert document["job"]["tolerance"] == {"overcut": 0.01, "undercut": 0.01, "allowance": 0.0}
     assert document["inputs"] == {"a.step": "0" * 64}
