@@ -12,6 +12,7 @@ import numpy.typing as npt
 from conflank_cli.geometry.collision import REACH, Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.workface import COARSE, WorkFace
 from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
@@ -229,6 +230,7 @@ def _along(link: Link) -> tuple[Array, Array]:
 def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:
     """Points that stand for all geometry of the scene, CAD frame, (N, 3)."""
     points = [scene.check.vertices.reshape(-1, 3)]
+    points += [WorkFace.of(face, 0.0).samples(COARSE).points for face in scene.rest]
     for face, projector in zip(scene.faces, projectors, strict=True):
         border = np.vstack(face.loops)
         u = np.linspace(border[:, 0].min(), border[:, 0].max(), HULL_SAMPLES)
