@@ -18,6 +18,14 @@ CODES: dict[str, str] = {
     "CF111": "no cutting move",
     "CF112": "feed unknown",
     "CF113": "tool centre point control misused",
+    "CF114": "spindle",
+    "CF115": "feed",
+    "CF116": "way not proven",
+    "CF117": "tolerance cycle",
+    "CF118": "datum",
+    "CF119": "not what the control sees",
+    "CF120": "stop or rapid in contact",
+    "CF121": "coolant",
     "CF201": "gouge",
     "CF202": "coverage missed",
     "CF203": "gouge next to the design faces",
@@ -25,8 +33,13 @@ CODES: dict[str, str] = {
     "CF302": "cone too near",
     "CF303": "shank too near",
     "CF304": "holder too near",
+    "CF401": "axis out of range",
+    "CF402": "axis out of travel",
+    "CF403": "axis too fast",
+    "CF404": "axis acceleration",
+    "CF405": "axis jerk",
 }
-"""1xx reading, 2xx cut, 3xx clearance. A code is never given another meaning; new kinds get new numbers."""
+"""1xx reading, 2xx cut, 3xx clearance, 4xx machine. A code never gets another meaning; new kinds get new numbers."""
 
 
 class Finding(Struct, frozen=True, omit_defaults=False):
@@ -39,7 +52,7 @@ class Finding(Struct, frozen=True, omit_defaults=False):
     block: number of the block in the program (its line where blocks are not numbered), if it has one.
     place: point in the CAD frame, mm, if it has one.
     amount, limit: the value found and the one allowed, in `unit`.
-    unit: "um", "mm", "1" or "".
+    unit: "um", "mm", "deg", "1" or "".
     count: how many times the same thing occurs; block and place are then those of the first or worst.
     """
 

@@ -13,6 +13,7 @@ from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
 from conflank_cli.verification.clearance import clearances_of, no_clearances
+from conflank_cli.verification.contact import in_contact
 from conflank_cli.verification.extremes import face_extremes, gap_on
 from conflank_cli.verification.figures import (
     RAPID_RATE,
@@ -117,6 +118,7 @@ def _judge(
     face_of = np.repeat(np.arange(len(samples)), [len(sample.points) for sample in samples])
     numbers = [face.number for face in scene.faces]
     kinds = [cut.kind for cut in program.cuts]
+    left = surface + tolerance.allowance * normals
     near = stretches if owned is None else moves_by_cut(poses, tools, owned)
 
     def clear() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
@@ -128,7 +130,7 @@ def _judge(
     with threads() as pool:
         clearing = pool.submit(clear)
         motions = SweptMotions.of(stretches, kinds)
-        swept = motions.gap(surface + tolerance.allowance * normals)
+        swept = motions.gap(left)
         step: float | None = None
         if stretches:
             extremes = face_extremes(scene.faces, samples, swept, covers, gap_on(motions, tolerance.allowance))
@@ -145,6 +147,7 @@ def _judge(
     # A pass may gouge what a sweep has covered, but it cannot cover it for the sweep.
     coverage_flank = float(area[covers(swept.flank)].sum()) / total
 
+    findings += in_contact(program, poses, tools, left, tolerance.undercut)
     findings += worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
     findings += too_near
     if coverage < scene.job.selection.coverage:
