@@ -50,7 +50,11 @@ def flat_face(rational: bool = False, holes: int = 1) -> DesignFace:
 def scene_of(*faces: DesignFace) -> Scene:
     job = parse_job(JOB, "job.toml", Path())
     check = CheckMesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32), np.array([-1], dtype=np.int32))
-    return Scene(job, "a", faces or (flat_face(),), job.resolved_tools(), Once(lambda: check), {"a.step": "0" * 64})
+    around = (replace(flat_face(), number=7, sense=-1),)
+    return Scene(
+        job, "a", faces or (flat_face(),), job.resolved_tools(), Once(lambda: check), {"a.step": "0" * 64},
+        rest=(flat_face(),), surfaces=Once(lambda: around),
+    )  # fmt: skip
 
 
 def sweep_of(controls: int, seed: int = 0) -> Sweep:
@@ -213,6 +217,8 @@ PLAN = encode_artifact("plan", scene_of(), [sweep_of(5), sweep_of(6)], {})
         (altered(PLAN, {"sweeps": [{"face": 1, "tool": "T1", "facts": {}}] * 2}), "contradict"),
         (altered(PLAN, {"sweeps": [{"face": 0, "tool": "T2", "facts": {}}] * 2}), "contradict"),
         (altered(PLAN, drop="motion_q"), "no array 'motion_q'"),
+        (altered(PLAN, drop="around0_poles"), "no array 'around0_poles'"),
+        (altered(PLAN, drop="rest0_loops"), "no array 'rest0_loops'"),
         (altered(PLAN, add="motion_r"), "unknown array 'motion_r'"),
     ],
 )
