@@ -22,7 +22,7 @@ from conflank_cli.job import Obstacles
 from conflank_cli.motion import Motion, fitted
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE, Section, Tool
-from tests.geometry.test_screening import PLATE, TOOL, frustum, straight, wall
+from tests.geometry.test_screening import PLATE, STEPPED, TOOL, frustum, straight, wall
 from tests.verification.scenes import cylinder_face, plane_face, scene_of
 from tests.verification.test_neighbours import GROOVE_AT, RADIUS, chords, groove, groove_scene
 
@@ -302,6 +302,19 @@ def test_sag_of_a_design_face_counts_for_the_cutter() -> None:
     p[:, 1] = across
     clearance = collider.poses(p, np.repeat(UP, 41, axis=0), BALL).clearance[:, 0]
     assert clearance.min() >= -2e-5 and clearance.max() < 0.002
+
+
+@pytest.mark.parametrize(("component", "radius"), [("shank", 2.5), ("holder", 8.0)])
+def test_sag_of_a_design_face_counts_against_shank_and_holder(component: str, radius: float) -> None:
+    """Along tangents of a cylinder, over chords and their ends: never further away than its arc."""
+    pipe, off, height = 30.0, 0.02 if component == "shank" else 1.2, 28.0 if component == "shank" else 45.0
+    collider = Collider.of(scene_of(cylinder_face(pipe, (0.0, 20.0)), tools=(STEPPED,)))
+    angle = np.linspace(0.3, 1.2, 101)
+    d = np.stack([-np.sin(angle), np.zeros(101), np.cos(angle)], axis=1)
+    away = np.stack([np.cos(angle), np.zeros(101), np.sin(angle)], axis=1)
+    p = (pipe + off + radius) * away + [0.0, 10.0, 0.0] - height * d
+    found = collider.poses(p, d, STEPPED).clearance[:, COMPONENTS.index(component)]
+    assert found.max() <= off + 2e-5 and found.min() > off - 0.003
 
 
 @pytest.mark.parametrize(("component", "radius"), [("shank", 2.0), ("holder", 6.0)])

@@ -71,12 +71,12 @@ def groove_scene(known: bool = True, tool: Tool = T1) -> Scene:
     return with_surfaces(scene, groove(RADIUS, (0.0, 20.0))) if known else scene
 
 
-def along_groove(depth: float, y: tuple[float, float] = (3.0, 17.0)) -> str:
-    """The ball, upright, along the lowest line of the groove and so much below it."""
-    z = -RADIUS - depth
+def along_groove(depth: float, beside: float = 0.0) -> str:
+    """The ball, upright, along the lowest line of the groove, or `beside` it, and so much below it."""
+    z, y = -RADIUS - depth, (3.0, 17.0)
     body = [
-        f"L X{GROOVE_AT:+.4f} Y{y[0]:+.4f} Z+40 R0 FMAX", f"L Z{z:+.6f} F500", "; PASS 1", f"L Y{y[1]:+.4f} F800",
-        "; RETRACT 1", "L Z+40 FMAX", "L M140 MB MAX",
+        f"L X{GROOVE_AT + beside:+.4f} Y{y[0]:+.4f} Z+40 R0 FMAX", f"L Z{z:+.6f} F500",
+        "; PASS 1", f"L Y{y[1]:+.4f} F800", "; RETRACT 1", "L Z+40 FMAX", "L M140 MB MAX",
     ]  # fmt: skip
     return program(body)
 
@@ -99,10 +99,12 @@ def test_a_cut_into_a_concave_neighbour_is_as_deep_as_in_its_surface(depth: floa
 
 def test_triangles_of_an_unknown_surface_count_against_the_cutter() -> None:
     """What is not known to be harmless is a finding: the groove may be as deep as the chords, or as their arcs."""
-    result = verify_program(along_groove(0.0), groove_scene(known=False), "", 500)
-    least = result.clearance_mm.ball.least
-    chord = RADIUS * (1.0 - cos(0.25 * pi / 7.0))
-    assert least is not None and least < -chord
+    # Beside the middle of the lowest chord, which is where halving begins.
+    result = verify_program(along_groove(0.0, 0.0337), groove_scene(known=False), "", 500)
+    # Half the angle of a chord; across a chord w, over which the normal turns by an angle, an arc rises by w angle / 8.
+    half = 0.25 * pi / 7.0
+    chord, sag = RADIUS * (1.0 - cos(half)), 2.0 * RADIUS * sin(half) * 2.0 * half / 8.0
+    assert result.clearance_mm.ball.least == pytest.approx(-chord - sag, abs=WITHIN)
     assert "CF203" in codes(result)
 
 
@@ -163,27 +165,29 @@ def test_shank_over_a_design_face_is_measured_between_the_samples() -> None:
 
 
 def test_the_edge_of_the_cone_is_found_between_the_points() -> None:
-    """A cutter without a shank: the rim of its top disc pokes 30 um into a wall that leans towards it."""
+    """A cutter without a shank: the rim of its top disc pokes 4 um into a wall that leans towards it."""
     tool = Tool("N", 2.0, 3.0, 20.0, (), (), number=4)
     top = tool.length - tool.tip_height
-    lean = np.array([sin(0.3), cos(0.3)])
-    # The wall's plane: x sin + z cos >= const is metal; the rim's corner (3, top) is 30 um within.
-    level = 3.0 * lean[0] + top * lean[1] - 0.030
+    lean = np.array([sin(0.8), cos(0.8)])
+    # The wall's plane: x sin + z cos >= const is metal; the rim's corner (3, top) is 4 um within.
+    level = 3.0 * lean[0] + top * lean[1] - 0.004
 
     def at(along: float, y: float) -> tuple[float, float, float]:
         foot = level * lean + (3.0 * lean[1] - top * lean[0] + along) * np.array([lean[1], -lean[0]])
         return float(foot[0]), y, float(foot[1])
 
-    wall = triangles_of([at(-1.7, -31.0), at(3.1, -31.0), at(3.1, 33.0), at(-1.7, 33.0)])
+    # Where halving leaves it between points: as what is smooth it would be found 5 um off the wall.
+    low, high = -1.7 + 4.0 / 7.0, 3.1 + 4.0 / 7.0
+    wall = triangles_of([at(low, -31.0), at(high, -31.0), at(high, 33.0), at(low, 33.0)])
     scene = scene_of(plane_face((-60.0, -50.0), (0.0, 5.0)), tools=[tool], check=wall)
     text = program(["L X+0 Y+0.37 Z+0 R0 FMAX", "; SWEEP 1", "L Y+0.38 F500"], header(tool), tool)
     result = verify_program(text, scene, "", 500)
     # In the plane of the axis: on the wall's line the deepest point is as far from the top as from the side.
-    along = np.linspace(-0.3, 0.3, 600_001)
-    x, z = np.array([3.0, top])[:, None] - 0.030 * lean[:, None] + along * np.array([[lean[1]], [-lean[0]]])
+    along = np.linspace(-0.03, 0.03, 600_001)
+    x, z = np.array([3.0, top])[:, None] - 0.004 * lean[:, None] + along * np.array([[lean[1]], [-lean[0]]])
     alpha = tool.half_angle
     deepest = float(np.maximum(z - top, (x - 3.0) * cos(alpha) - (z - top) * sin(alpha)).min())
-    assert -0.030 < deepest < -0.020
+    assert -0.004 < deepest < -0.002
     assert result.clearance_mm.cone.least == pytest.approx(deepest, abs=WITHIN)
 
 
