@@ -256,7 +256,9 @@ _FEED = [
     Edit("FQ5, never set", word("FQ5")),
     Edit("FQL5, never set", word("FQL5")),
     Edit("FQ5, set to zero", both(before_cut("FN 0: Q5 = +0"), word("FQ5"))),
-    Edit("FQ50, set to a sound feed", both(before_cut("FN 0: Q50 = +800"), word("FQ50")), "either", "followed or named"),
+    Edit(
+        "FQ50, set to a sound feed", both(before_cut("FN 0: Q50 = +800"), word("FQ50")), "either", "followed or named"
+    ),
     Edit("no feed at all", sub(r" F\d+$", "", 0)),
     Edit("feed ten times", sub(r"F817$", "F8170")),
     Edit("M136 in the cut", in_cut("M136")),
@@ -351,7 +353,12 @@ _MOTION = [
     Edit("M140 MB5 for the first retract", sub("MB MAX", "MB5")),
     Edit("M140 MB-20 after the cut", sub("^L M140 MB MAX\nL A", "L M140 MB-20\nL A")),
     Edit("M140 MB5 between the cuts", sub("^L M140 MB MAX\nL A", "L M140 MB5\nL A")),
-    Edit("M140 without MB", sub("^L M140 MB MAX\nL A", "L M140\nL A"), "either", "the control asks for MB, or takes its limit"),
+    Edit(
+        "M140 without MB",
+        sub("^L M140 MB MAX\nL A", "L M140\nL A"),
+        "either",
+        "the control asks for MB, or takes its limit",
+    ),
     Edit("no retract between the cuts", drop("L M140", 2)),
     Edit("no rotary words before the second cut", drop("L A", 2), "either", JUDGED),
     Edit("rotary axes turned while the tool is at the part", in_cut("L C+90 FMAX")),
@@ -385,7 +392,9 @@ _MOTION = [
     Edit("C+280000000000", cut_block(lambda block: re.sub(r"C\S+", "C+280000000000", block))),
     Edit("A out of its range", cut_block(lambda block: re.sub(r"A\S+", "A-150.0000", block))),
     Edit("A the other way", cut_block(lambda block: block.replace("A-", "A+"))),
-    Edit("a whole turn of C in the cut", cut_block(lambda block: re.sub(r"C\S+", "C+455.0000", block)), "either", JUDGED),
+    Edit(
+        "a whole turn of C in the cut", cut_block(lambda block: re.sub(r"C\S+", "C+455.0000", block)), "either", JUDGED
+    ),
     Edit("an axis that the machine has not", cut_block(lambda block: block.replace(" A", " B"))),
     Edit("a sixth axis", word("B+5")),
     Edit("a W word", word("W+10")),
@@ -450,7 +459,10 @@ _TOLERANCE = [
     Edit("cycle 32 without its values", both(drop("CYCL DEF 32.1"), drop("CYCL DEF 32.2"))),
     Edit("cycle 32 reset in the cut", in_cut("CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1")),
     Edit("cycle 32 reset before the cut", before_cut("CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1")),
-    Edit("cycle 32 coarse in the cut", in_cut("CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1 T1", "CYCL DEF 32.2 HSC-MODE:0 TA3")),
+    Edit(
+        "cycle 32 coarse in the cut",
+        in_cut("CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1 T1", "CYCL DEF 32.2 HSC-MODE:0 TA3"),
+    ),
     Edit("cycle 32 from a Q parameter", sub("T0.002", "TQ4")),
     Edit("cycle 32 for roughing", sub("HSC-MODE:0", "HSC-MODE:1"), "either", "T and TA hold in both modes"),
     Edit("no reset of cycle 32 at the end", both(drop("CYCL DEF 32.0", 2), drop("CYCL DEF 32.1", 2)), "none"),
@@ -503,15 +515,34 @@ _FLOW = [
     Edit("a label that nothing calls", in_cut("LBL 5"), "none"),
     Edit("a repetition without end", in_cut("LBL 5", "CALL LBL 5 REP 99999999")),
     Edit("a called label without its end", both(before("M30", "CALL LBL 7"), after("M30", "LBL 7", "M8"))),
-    Edit("a part repeated", both(before("; SWEEP 1", "LBL 5"), before("; RETRACT 1", "CALL LBL 5 REP 1")), "either", JUDGED),
+    Edit(
+        "a part repeated",
+        both(before("; SWEEP 1", "LBL 5"), before("; RETRACT 1", "CALL LBL 5 REP 1")),
+        "either",
+        JUDGED,
+    ),
     Edit("a program that is not there", in_cut("CALL PGM NOWHERE")),
     Edit("a program that is not there, at the end", before("M30", "CALL PGM NOWHERE")),
     Edit("a program in a circle", before("M30", "CALL PGM BLADE1")),
-    Edit("a jump over the sweep", both(before("; SWEEP 1", "FN 9: IF +1 EQU +1 GOTO LBL 5"), before("; RETRACT 1", "LBL 5"))),
-    Edit("a jump over the start of the spindle", both(before("L A", "FN 9: IF +0 EQU +0 GOTO LBL 5"), before("FUNCTION TCPM", "LBL 5"))),
-    Edit("a jump by a Q parameter that nothing sets", both(before("; SWEEP 1", "FN 9: IF +Q5 EQU +1 GOTO LBL 5"), before("; RETRACT 1", "LBL 5"))),
+    Edit(
+        "a jump over the sweep",
+        both(before("; SWEEP 1", "FN 9: IF +1 EQU +1 GOTO LBL 5"), before("; RETRACT 1", "LBL 5")),
+    ),
+    Edit(
+        "a jump over the start of the spindle",
+        both(before("L A", "FN 9: IF +0 EQU +0 GOTO LBL 5"), before("FUNCTION TCPM", "LBL 5")),
+    ),
+    Edit(
+        "a jump by a Q parameter that nothing sets",
+        both(before("; SWEEP 1", "FN 9: IF +Q5 EQU +1 GOTO LBL 5"), before("; RETRACT 1", "LBL 5")),
+    ),
     Edit("a jump to nowhere", in_cut("FN 9: IF +1 EQU +1 GOTO LBL 9")),
-    Edit("a jump never taken", both(in_cut("FN 9: IF +1 EQU +2 GOTO LBL 5"), before("; RETRACT 1", "LBL 5")), "either", "followed or named"),
+    Edit(
+        "a jump never taken",
+        both(in_cut("FN 9: IF +1 EQU +2 GOTO LBL 5"), before("; RETRACT 1", "LBL 5")),
+        "either",
+        "followed or named",
+    ),
     Edit("a Q parameter set and not used", before_cut("FN 0: Q5 = +3"), "either", "followed or named"),
     Edit("SEL PGM", before_cut('SEL PGM "OTHER.H"'), "finding"),
     Edit("SEL TABLE", before_cut('SEL TABLE "OTHER.D"'), "finding"),
@@ -543,7 +574,9 @@ _TEXT = [
             ("carriage return alone", "\r"),
         )
     ),
-    Edit("NUL within a word", same, whole=lambda text: text.replace("X+3.4666", "X+3\0.4666").replace("F817", "F8\x0017")),
+    Edit(
+        "NUL within a word", same, whole=lambda text: text.replace("X+3.4666", "X+3\0.4666").replace("F817", "F8\x0017")
+    ),
     Edit("a letter that is no ASCII in a comment", sub("; CONFLANK", "; M\xdcLLER")),
     Edit("a Cyrillic letter for an axis", cut_block(lambda block: block.replace("X", "\u0425"))),
     Edit("digits of another script", cut_block(lambda block: block.replace("+3", "+\u0663"))),
@@ -557,7 +590,9 @@ _TEXT = [
     Edit("the end in inches", sub("(END PGM .*) MM", r"\1 INCH")),
     Edit("the beginning missing", drop("BEGIN PGM")),
     Edit("cut off in the middle", same, whole=lambda text: text[: len(text) // 2]),
-    Edit("a comment before the beginning", before("BEGIN PGM", "; FIRST"), "either", "the control wants BEGIN PGM first"),
+    Edit(
+        "a comment before the beginning", before("BEGIN PGM", "; FIRST"), "either", "the control wants BEGIN PGM first"
+    ),
     Edit("a wrong unit at the beginning", sub("(BEGIN PGM .*) MM", r"\1")),
     Edit("no block numbers", same, "none", whole=lambda text: re.sub(r"(?m)^\d+ ", "", text)),
     Edit("block numbers by ten", same, "none", whole=lambda text: re.sub(r"(?m)^(\d+) ", r"\g<1>0 ", text)),
@@ -653,7 +688,12 @@ _APT = [
         ("units again, others", after("PPRINT/SWEEP 1", "UNITS/INCHES"), "finding", ""),
         ("another tool", sub("LOADTL/1", "LOADTL/2"), "finding", ""),
         ("no tool", drop("LOADTL"), "finding", ""),
-        ("tool with another length", sub("LOADTL/1", "LOADTL/1,LENGTH,50"), "either", "the length is the machine's matter"),
+        (
+            "tool with another length",
+            sub("LOADTL/1", "LOADTL/1,LENGTH,50"),
+            "either",
+            "the length is the machine's matter",
+        ),
         ("tool in the cut", after("PPRINT/SWEEP 1", "LOADTL/1"), "finding", ""),
         ("compensation", after("PPRINT/SWEEP 1", "CUTCOM/LEFT"), "finding", ""),
         ("shifted", after("PPRINT/SWEEP 1", "TRANS/1,0,0"), "finding", ""),
