@@ -8,18 +8,17 @@ from __future__ import annotations
 import re
 from math import isfinite
 
-from conflank_cli.verification.control import Block
+from conflank_cli.verification.blocks import Block, lines_of
+from conflank_cli.verification.findings import Finding
+from conflank_cli.verification.numbers import NUMBER, number
 from conflank_cli.verification.program import (
-    NUMBER,
     CutLabel,
     HeaderReader,
     Interpolation,
     Program,
-    Recorder,
-    Vector,
-    number,
 )
-from conflank_cli.verification.words import INCH, lines_of
+from conflank_cli.verification.recorder import Recorder
+from conflank_cli.verification.words import INCH, Vector
 
 _HARMLESS = (
     "PARTNO PPRINT MACHIN CUTTER SPINDL COOLNT INTOL OUTTOL TOLER NOPOST CLPRNT REMARK LEADER SEQNO STOP OPSTOP DELAY "
@@ -29,11 +28,12 @@ _HARMLESS = (
 _NUMBERS = re.compile(rf"\s*{NUMBER}(?:[EeDd][+-]?\d+)?\s*")
 
 
-def split_statements(text: str) -> list[Block]:
+def split_statements(text: str) -> tuple[list[Block], list[Finding]]:
     """Statements by the line they begin in; ``$`` continues a line, ``$$`` begins a comment."""
     blocks: list[Block] = []
     pending, begun = "", 0
-    for line_number, line in enumerate(lines_of(text), start=1):
+    lines, findings = lines_of(text)
+    for line_number, line in enumerate(lines, start=1):
         content, mark, comment = line.strip("\x00\x1a").partition("$$")
         content = content.strip()
         begun = begun if pending else line_number
@@ -45,7 +45,7 @@ def split_statements(text: str) -> list[Block]:
             blocks.append(Block(begun, content, (comment.strip(),) if mark else (), False))
     if pending:
         blocks.append(Block(begun, pending, (), False))
-    return blocks
+    return blocks, findings
 
 
 def read_apt(text: str) -> Program:
@@ -59,9 +59,11 @@ def read_apt(text: str) -> Program:
     -------
     What it states about itself, the poses that follow from it, and findings for all that does not.
     """
-    blocks = split_statements(text)
+    blocks, findings = split_statements(text)
     header = HeaderReader()
     reading = _Reading(header)
+    for finding in findings:
+        reading.recorder.findings[finding.code, finding.text] = finding
     for block in blocks:
         reading.follow(block)
         if reading.ended:
@@ -80,6 +82,7 @@ def read_apt(text: str) -> Program:
         tolerance=None,
         unknown_moves=recorder.unknown_moves,
         findings=tuple(recorder.findings.values()),
+        unknown=tuple(recorder.unknown),
     )
 
 
@@ -113,7 +116,7 @@ class _Reading:
                 # It may have moved the cutter.
                 self.recorder.move(dict.fromkeys("XYZ"), None, False, block.number)
             elif major != "INSERT" and "OFF" not in rest.upper() and "NOMORE" not in rest.upper():
-                self.recorder.foreign_frame = major
+                self.recorder.unfollowed = major
 
     def comment(self, text: str) -> None:
         """A fact of the header, or a label of a cut."""

@@ -1,7 +1,6 @@
 """Reader of DIN/ISO programs (.I) for HEIDENHAIN controls, of our own or from elsewhere.
 
-As with conversational programs: what a block does to the cutter is followed where the text tells it, everything else
-that could move the cutter or change where words lead to is a finding.
+As with conversational programs: every word of every block is taken by a rule, or is a finding.
 
 Source: HEIDENHAIN iTNC 530 user's manual, DIN/ISO programming.
 """
@@ -9,62 +8,68 @@ Source: HEIDENHAIN iTNC 530 user's manual, DIN/ISO programming.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
-from conflank_cli.verification.control import Block, Control, Flow, Jump
-from conflank_cli.verification.program import NUMBER, HeaderReader, Program, Recorder, number
-from conflank_cli.verification.words import INCH, PLAIN, lines_of, plain_words, rotary_letters, split_words
+from conflank_cli.verification.blocks import Block, split_iso
+from conflank_cli.verification.control import Control
+from conflank_cli.verification.flow import Flow, Jump
+from conflank_cli.verification.kinematics import Axes
+from conflank_cli.verification.numbers import MOST, NUMBER, number
+from conflank_cli.verification.parameters import PARAMETER, VALUE
+from conflank_cli.verification.program import HeaderReader, Program
+from conflank_cli.verification.recorder import Recorder
+from conflank_cli.verification.words import INCH, PLAIN, Words, plain_words, rotary_letters
 
-_LINE = re.compile(r"(/?)\s*(?:N(\d+))?\s*(/?)\s*(.*)")
 _PLAIN = re.compile(rf"(?:G0?([01])\s*)?{PLAIN}(?:F\s*([\d.,]+)\s*)?")
-_G = re.compile(r"G\s*(\d+)(?![.\d])")
-_TOOL = re.compile(r"(?<![A-Z])T\s*(\d+)(?:\.\d+)?(?![\d.,])")
-_SPEED = re.compile(r"(?<![A-Z])S\s*[\d.,]+")
 _LABEL = re.compile(r"G98\s*L\s*(\d+)$")
 _CALL = re.compile(r"L\s*(\d+)\s*,\s*(\d+)$")
 _ENDING = re.compile(r"(?:.*\s)?M0*(?:2|30)(?!\d)")
 _NAME = re.compile(r"%\s*(\S+?)\s+G7([01])$")
-_ENDED = re.compile(r"%\s*\S+\s+G7[01]$")
+_PRESET = re.compile(rf"G247\s*Q339\s*=\s*({VALUE})$")
+_FUNCTION = re.compile(rf"D\s*(\d+)\s+({PARAMETER})((?:\s+P0?\d\s*{VALUE})+)$")
+_JUMP = re.compile(rf'D\s*(9|09|10|11|12)\s+P0?1\s*({VALUE})\s+P0?2\s*({VALUE})\s+P0?3\s*(?:(\d+)|"([^"]*)")$')
+_OPERAND = re.compile(rf"P0?\d\s*({VALUE})")
+_FORMULA = re.compile(rf"({PARAMETER})\s*=\s*(.*)$")
+_TOLERANCE = re.compile(rf"(?:T\s*(?P<t>{VALUE}))?(?:\s*P0?1\s+[01])?(?:\s*P0?2\s+(?P<ta>{VALUE}))?$")
 
-_CURVES = {2, 3, 5, 6, 7, 10, 11, 12, 13, 15, 16}
-"""Circles and polar moves."""
-_CORNERS = {24, 25, 26, 27}
-"""Chamfers, rounded corners, tangential approach and departure."""
-_SKIPPED = {30, 31, 36, 38, 51, 99}
-"""Blank, orientation of the spindle, stop, preselection and definition of tools."""
-_FRAMES = {28: "mirroring", 72: "scaling", 73: "rotation", 80: "tilted plane"}
+_WORD = re.compile(
+    rf"""\s*(?:
+      G\s*(?P<code>\d+)(?![.\d])
+    | (?P<variant>F\s*(?:MAXT|[UTZ]\s*{VALUE}))
+    | (?P<delta>D(?:L|R2?))\s*(?P<size>{VALUE})
+    | MB\s*(?P<back>MAX|{VALUE})
+    | M\s*(?P<function>\d+)
+    | F\s*(?P<feed>MAX|AUTO|{VALUE})
+    | T\s*(?P<tool>{VALUE})
+    | S\s*(?P<speed>{VALUE})
+    | (?P<letter>[XYZABCIJRH])\s*(?P<value>{VALUE})
+    )""",
+    re.VERBOSE,
+)
+
+_SIDES = {40: "R0", 41: "RL", 42: "RR"}
+_TURNS = {2: -1, 3: 1, 12: -1, 13: 1}
+_LINES = (0, 1, 10, 11)
+_MODAL = frozenset({17, 40, 41, 42, 70, 71, 90, 91, *_LINES, 2, 3, 5, 6, 12, 13})
+_FRAMES = (28, 54, 72, 73, 80)
+_BLANK = re.compile(rf"G30\s*G17(?:\s*[XYZ]\s*{NUMBER}){{3}}$|G31(?:\s*G9[01])?(?:\s*[XYZ]\s*{NUMBER}){{3}}$")
+_DEFINED = re.compile(r"G51\s*T\s*\d+(?:\.\d)?$")
+"""Preselection of a tool."""
+_GEOMETRY = re.compile(rf"G99\s*T\s*\d+(?:\s*[LR]\s*{NUMBER})*$")
 
 
-def split_iso_blocks(text: str) -> list[Block]:
-    """Lines to blocks: numbers, skip marks, comments and the mark of the end taken apart."""
-    blocks: list[Block] = []
-    for line_number, line in enumerate(lines_of(text), start=1):
-        content = line.strip().strip("\x00\x1a\x03").strip()
-        if not content:
-            continue
-        if content.endswith("*"):
-            content = content[:-1].rstrip()
-        code, mark, comment = content.partition(";")
-        comments = (comment.strip().removesuffix("*").rstrip(),) if mark else ()
-        found = _LINE.match(code)
-        assert found is not None
-        before, name, after, rest = found.groups()
-        rest = rest.strip().removesuffix("*").rstrip()
-        blocks.append(Block(int(name) if name else line_number, rest, comments, bool(before or after)))
-    return blocks
-
-
-def read_iso(text: str) -> Program:
+def read_iso(text: str, machine: Axes | None = None, harmless: Iterable[int] = ()) -> Program:
     """Read a DIN/ISO program.
 
     Parameters
     ----------
-    text: the whole file.
+    text, machine, harmless: as `read_conversational`.
 
     Returns
     -------
     What it states about itself, the poses that follow from it, and findings for all that does not.
     """
-    blocks = split_iso_blocks(text)
+    blocks, findings = split_iso(text)
     header = HeaderReader()
     used: set[str] = set()
     for block in blocks:
@@ -72,38 +77,122 @@ def read_iso(text: str) -> Program:
             header.read(comment)
         if block.text and block.text[0] in "GXYZABCgxyzabcIi":
             used |= rotary_letters(block.text.upper())
-    reading = _Reading(header, Recorder(used, False, tuple(header.rotary)))
+    reading = _Reading(header, Recorder(used, False, tuple(header.rotary), machine), harmless)
+    for finding in findings:
+        reading.recorder.findings[finding.code, finding.text] = finding
     reading.run(blocks)
     return reading.result()
+
+
+class _Block:
+    """The words of one ISO block by what they are."""
+
+    def __init__(self, text: str, unit: float, control: Control) -> None:
+        self.codes: list[int] = []
+        self.words = Words()
+        self.tool: str | None = None
+        self.speed: str | None = None
+        self.deltas: list[tuple[str, str]] = []
+        self.pole: dict[str, float | None] = {}
+        self.height: str | None = None
+        value = control.parameters.value
+        place = 0
+        while place < len(text):
+            found = _WORD.match(text, place)
+            if found is None:
+                break
+            place = found.end()
+            self._take(found, unit, value)
+        self.words.rest = text[place:].strip()
+
+    def _take(self, found: re.Match[str], unit: float, value: object) -> None:
+        words, kind = self.words, found.lastgroup
+        assert callable(value)
+        if kind == "code":
+            self.codes.append(int(found["code"][:6]))
+        elif kind == "value":
+            letter, text = found["letter"], found["value"]
+            if letter in "IJ":
+                known = value(text)
+                self._once(letter in self.pole, letter)
+                self.pole[letter] = None if known is None or not abs(known) <= MOST else known * unit
+            elif letter == "R":
+                known = value(text)
+                self._once(bool(words.radius), "R")
+                words.radius = [None if known is None or not abs(known) <= MOST else known * unit]
+            elif letter == "H":
+                self._once(self.height is not None, "H")
+                self.height = text
+            else:
+                words.coordinate(letter, text, unit, value)
+        elif kind == "size":
+            self.deltas.append((found["delta"], found["size"]))
+        elif kind == "function":
+            words.functions = (*words.functions, int(found["function"][:6]))
+        elif kind == "feed":
+            # F after M128 caps the compensating movement; it is not the cutting feed.
+            if words.functions[-1:] != (128,):
+                self._once(words.feed is not None, "F")
+                words.feed = found["feed"]
+        elif kind == "variant":
+            words.variant = found["variant"]
+        elif kind == "back":
+            self._once(words.back is not None, "MB")
+            words.back = found["back"]
+        elif kind == "tool":
+            self._once(self.tool is not None, "T")
+            self.tool = found["tool"]
+        elif kind == "speed":
+            self._once(self.speed is not None, "S")
+            self.speed = found["speed"]
+
+    def _once(self, again: bool, name: str) -> None:
+        if again:
+            self.words.wrong.append(f"{name} stands twice in the block")
 
 
 class _Reading(Control):
     """One reading of a program."""
 
-    def __init__(self, header: HeaderReader, recorder: Recorder) -> None:
-        super().__init__(header, recorder)
+    def __init__(self, header: HeaderReader, recorder: Recorder, harmless: Iterable[int]) -> None:
+        super().__init__(header, recorder, harmless)
         self.path = 1
         self.incremental = False
-        self.ended = False
 
     def run(self, blocks: list[Block]) -> None:
         """Run the program from its first block."""
         recorder = self.recorder
         jumps = {index: jump for index, block in enumerate(blocks) if (jump := _jump(block.text)) is not None}
-        flow = Flow(blocks, jumps)
-        for block in self.running_through(flow):
+        self.flow = Flow(blocks, jumps, recorder)
+        self.frame_blocks(blocks)
+        for block in self.running_through(self.flow):
             text = block.text
-            found = None if self.incremental else _PLAIN.fullmatch(text)
+            found = None if self.incremental or self.corner is not None else _PLAIN.fullmatch(text)
             if found is None or not self.usual(found.groups(), block.number):
                 self.follow(text.upper(), block.number)
         last = blocks[-1].number if blocks else 0
-        names = [block for block in blocks if _ENDED.match(block.text)]
-        if not names or names[0] is not next((block for block in blocks if block.text), None):
-            recorder.find("CF101", "no % block at the beginning", last)
-        if len(names) < 2:
-            recorder.find("CF101", "no % block at the end: the program may be cut off", last)
+        self._no_corner(last)
         if recorder.axes is None:
             recorder.find("CF108", "rotary words that belong to no pair of axes", last)
+
+    def frame_blocks(self, blocks: list[Block]) -> None:
+        """The block with % and the name first, the same block last, and neither anywhere else."""
+        find = self.recorder.find
+        last = blocks[-1].number if blocks else 0
+        named = [(index, found) for index, block in enumerate(blocks) if (found := _NAME.match(block.text.upper()))]
+        if not named or named[0][0] != next((index for index, block in enumerate(blocks) if block.text), None):
+            find("CF101", "no % block at the beginning", last)
+            return
+        if named[0][0] > 0:
+            find("CF119", "text before the % block", blocks[0].number)
+        self.name, self.unit = named[0][1][1], INCH if named[0][1][2] == "0" else 1.0
+        if len(named) < 2:
+            find("CF101", "no % block at the end: the program may be cut off", last)
+            return
+        if named[1][0] < len(blocks) - 1:
+            find("CF119", "text after the % block that ends the program", blocks[named[1][0] + 1].number)
+        if named[0][1].groups() != named[1][1].groups():
+            find("CF119", "the last % block names another program or unit than the first", blocks[named[1][0]].number)
 
     def usual(self, groups: tuple[str | None, ...], block: int) -> bool:
         """Follow a motion block of the usual words; False where it is none after all."""
@@ -116,7 +205,7 @@ class _Reading(Control):
         if feed is not None:
             if re.fullmatch(NUMBER, feed) is None:
                 return False
-            self.recorder.feed = number(feed) * self.feed_unit
+            self.set_feed(feed, block)
         if path is not None:
             self.path = int(path)
         self.plain(words[0], None, self.path == 0, block)
@@ -125,93 +214,198 @@ class _Reading(Control):
     def follow(self, text: str, block: int) -> None:
         """Follow one block."""
         find = self.recorder.find
-        if found := _NAME.match(text):
-            self.name = self.name or found[1]
-            self.unit = INCH if found[2] == "0" else 1.0
+        if _NAME.match(text) or _BLANK.match(text) or _DEFINED.match(text):
+            return
+        if _GEOMETRY.match(text):
+            if any(number(size) != 0.0 for size in re.findall(rf"L\s*({NUMBER})", text)):
+                find("CF102", "length of a tool in the program (G99 L) is not followed", block)
+        elif found := _PRESET.match(text):
+            self.set_preset(found[1], block)
         elif text.startswith("%") or re.match(r"L\s*\d", text):
             find("CF102", f"call {text[:60]} is not followed", block)
             # Wherever the axes go there, nothing that comes after is known.
             self.recorder.move(dict.fromkeys("XYZABC"), None, False, block)
-        elif text.startswith("PLANE RESET"):
-            self.recorder.foreign_frame = ""
+        elif re.fullmatch(r"PLANE RESET STAY", text):
+            self.recorder.change_frame(self.recorder.frame.without("tilt"))
         elif text.startswith("PLANE"):
-            self.transform("tilted plane (PLANE)", False, block)
-        elif re.match(r"D\s*\d|Q[LRS]?\d+\s*=", text):
-            find("CF102", "Q parameter is not followed", block)
+            self.not_followed(f"a tilted plane by {text[:60]}", block)
+        elif found := _JUMP.match(text):
+            self.jump(found, text, block)
+        elif found := _FUNCTION.match(text):
+            self.function(found, block)
+        elif found := _FORMULA.match(text):
+            self.formula(found, block)
         else:
             self.words(text, block)
 
+    def function(self, found: re.Match[str], block: int) -> None:
+        """D n: Q = ..."""
+        try:
+            value = self.parameters.iso_numbered(int(found[1]), _OPERAND.findall(found[3]))
+        except ValueError as error:
+            value = None
+            self.recorder.find("CF102", f"{error}: {found[2]} is not known", block)
+        self.parameters.set(found[2], value)
+
+    def formula(self, found: re.Match[str], block: int) -> None:
+        """Q = formula."""
+        try:
+            self.parameters.set(found[1], self.parameters.formula(found[2]))
+        except ValueError as error:
+            self.parameters.set(found[1], None)
+            self.recorder.find("CF102", f"{error}; {found[1]} is not known", block)
+
+    def jump(self, found: re.Match[str], text: str, block: int) -> None:
+        """D09 to D12."""
+        holds = self.parameters.holds(int(found[1]), found[2], found[3])
+        if holds is None:
+            self.recorder.find("CF102", f"whether {text[:60]} jumps is not known", block)
+            self.recorder.lose_place(block)
+        elif holds and self.flow is not None:
+            self.flow.go_to(str(int(found[4])) if found[4] else found[5], block)
+
     def words(self, text: str, block: int) -> None:
         """A block of G codes and words."""
+        recorder = self.recorder
+        codes = [int(code[:6]) for code in re.findall(r"(?<![A-Z])G\s*(\d+)", text)]
+        if 62 in codes:
+            self.tolerance(re.sub(r"G\s*62", "", text, count=1).strip(), block)
+            return
+        read = _Block(text, self.unit, self)
+        for code in read.codes:
+            self._code(code, read, block)
+        if read.tool is not None:
+            self.select_tool(read.tool, None, block)
+        if read.speed is not None:
+            self.set_speed(read.speed, block)
+        if read.deltas:
+            self.check_deltas(read.deltas, block)
+        if any(code in _FRAMES for code in read.codes):
+            self.frames(read, block)
+        elif 4 in read.codes:
+            self.dwell(read, block)
+        elif 24 in read.codes or 25 in read.codes:
+            self.set_corner("RND" if 25 in read.codes else "CHF", (read.words.radius or [None])[0], block)
+        elif 36 in read.codes or 38 in read.codes:
+            recorder.event("orientation of the spindle (G36)" if 36 in read.codes else "stop (G38)", block)
+            self.motion(read.words, False, self.path in (0, 10), block)
+        else:
+            self.move(read, block)
+
+    def _code(self, code: int, read: _Block, block: int) -> None:
+        """What a G code sets."""
         find = self.recorder.find
-        codes = [int(code) for code in _G.findall(text)]
-        rest = _G.sub(" ", text)
-        if 247 in codes:
-            self.set_preset(text, block)
+        if code in (90, 91):
+            self.incremental = code == 91
+        elif code in (70, 71):
+            if self.unit != (INCH if code == 70 else 1.0):
+                find("CF102", "unit changed within the program", block)
+        elif code in _SIDES:
+            read.words.side = _SIDES[code]
+        elif code in (18, 19, 20):
+            find("CF102", f"tool axis of G{code}: only Z (G17) is followed", block)
+        elif code in _LINES or code in _TURNS or code in (5, 6):
+            self.path = code
+        elif code == 29:
+            self.set_pole(Words(), block)
+        elif code not in (4, 17, 24, 25, 36, 38, *_FRAMES):
+            find("CF102", f"G{code} is not followed", block)
+            if code not in _MODAL:
+                self.recorder.lose_place(block)
+        if read.codes.count(code) > 1:
+            read.words.wrong.append(f"G{code} stands twice in the block")
+
+    def move(self, read: _Block, block: int) -> None:
+        """Straight moves, arcs, polar coordinates and poles."""
+        words = read.words
+        if read.pole:
+            axes = {("IX" if letter == "I" else "IY") if self.incremental else "XY"["IJ".index(letter)]: value
+                    for letter, value in read.pole.items()}  # fmt: skip
+            self.set_pole(Words(axes=axes), block)
+        if self.path in (10, 11, 12, 13):
+            self._polar(read, block)
             return
-        if any(code in _SKIPPED for code in codes) or 4 in codes:
+        if read.height is not None:
+            words.wrong.append("H without polar coordinates")
+        if self.incremental:
+            words.axes = {word if word[0] == "I" else f"I{word}": value for word, value in words.axes.items()}
+        if self.path in (0, 1) or not words.axes:
+            self.motion(words, False, self.path == 0, block)
             return
-        for code in codes:
-            if code in (90, 91):
-                self.incremental = code == 91
-            elif code in (70, 71):
-                self.unit = INCH if code == 70 else 1.0
-            elif code in (40, 41, 42):
-                self.side = {40: "R0", 41: "RL", 42: "RR"}[code]
-            elif code in (18, 19, 20):
-                find("CF102", f"tool axis of G{code}: only Z (G17) is followed", block)
-            elif code in (0, 1) or code in _CURVES:
-                self.path = code
-            elif code not in {17, 29, 54, 62, *_FRAMES, *_CORNERS}:
-                find("CF102", f"G{code} is not followed", block)
-        if self.frames(codes, rest, block):
-            return
-        if called := _TOOL.search(rest):
-            self.delta = bool(re.search(r"DR\s*[+-]?0*[.,]?0*[1-9]", rest))
-            if re.search(r"DL\s*[+-]?0*[.,]?0*[1-9]", rest):
-                find("CF102", "length delta DL in the tool call is not followed", block)
-            self.recorder.call_tool(int(called[1]), None, block)
-            rest = re.sub(rf"D[LR]\s*{NUMBER}", " ", _TOOL.sub(" ", rest))
-        rest = _SPEED.sub(" ", rest)
-        moves = bool(re.search(r"(?<![A-Z])[XYZABCHIJKR]\s*[+-]?[\d.,Q]", rest))
-        if (self.path in _CURVES and moves) or any(code in _CORNERS for code in codes):
-            find("CF102", f"G{self.path:02d} block is not followed", block)
+        if self.path == 5:
+            self.recorder.find("CF102", "G05 is not followed", block)
             self.recorder.move(dict.fromkeys("XYZ"), None, False, block)
             return
-        words = split_words(rest.strip(), self.unit)
-        if self.incremental:
-            axes = {word if word[0] == "I" else f"I{word}": value for word, value in words.axes.items()}
-            words = type(words)(
-                axes,
-                words.vector,
-                words.normal,
-                words.feed,
-                words.side,
-                words.functions,
-                words.back,
-                words.rest,
-            )
-        self.motion(words, False, self.path == 0, block)
+        words.turn = _TURNS.get(self.path, 0)
+        self.arc("CT" if self.path == 6 else "CR" if words.radius else "C", words, block)
 
-    def frames(self, codes: list[int], rest: str, block: int) -> bool:
-        """Shifts, tolerance and other frames; whether the block was one."""
+    def _polar(self, read: _Block, block: int) -> None:
+        words = read.words
+        if not words.radius and read.height is None:
+            self.motion(words, False, self.path == 10, block)
+            return
+        mark = "I" if self.incremental else ""
+        if words.radius:
+            words.polar[f"{mark}PR"] = words.radius[0]
+            words.radius = []
+        if read.height is not None:
+            words.coordinate(f"{mark}PA", read.height, 1.0, self.parameters.value)
+        if self.incremental:
+            words.axes = {word if word[0] == "I" else f"I{word}": value for word, value in words.axes.items()}
+        if self.path in (12, 13):
+            words.turn = _TURNS[self.path]
+            self.helix(words, block)
+        elif self.polar_end(words, block):
+            words.polar = {}
+            self.motion(words, False, self.path == 10, block)
+        else:
+            self.recorder.move(dict.fromkeys("XYZ"), None, False, block)
+
+    def frames(self, read: _Block, block: int) -> None:
+        """G54, G28, G72, G73 and G80."""
+        words, codes = read.words, read.codes
         if 54 in codes:
-            self.shift_datum(split_words(rest.strip(), self.unit), block)
-            return True
-        if 62 in codes:
-            t = re.search(rf"(?<![A-Z])T\s*({NUMBER})", rest)
-            ta = re.search(rf"P0?2\s+({NUMBER})", rest)
-            if t:
-                self.recorder.tolerance = (number(t[1]) * self.unit, number(ta[1]) if ta else None)
-            return True
-        for code, name in _FRAMES.items():
-            if code in codes:
-                words = re.findall(rf"[A-Z]\s*({NUMBER})", rest)
-                zero = 1.0 if code == 72 else 0.0
-                neutral = not re.search("[A-Z]", rest) or (all(number(word) == zero for word in words) and bool(words))
-                self.transform(f"{name} (G{code})", (neutral and code != 28) or not re.search("[A-Z]", rest), block)
-                return True
-        return False
+            if self.incremental:
+                words.axes = {f"I{word}": value for word, value in words.axes.items()}
+            self.shift_datum(words, block)
+        elif 28 in codes:
+            letters = re.findall("[XYZABC]", words.rest)
+            if set(words.rest.replace(" ", "")) - set("XY") or words.axes:
+                self.not_followed(f"mirroring of {words.rest[:20]}", block)
+            else:
+                words.rest = ""
+                self._refuse(words, block, "mirroring")
+                self.mirror("".join(sorted(letters)), block)
+        elif 73 in codes:
+            degrees = 0.0 if read.height is None else self.parameters.value(read.height)
+            self._refuse(words, block, "rotation")
+            self.rotate(degrees, self.incremental, block)
+        elif 72 in codes:
+            factor = 1.0 if words.feed is None else self.parameters.value(words.feed)
+            if factor != 1.0 or words.axes:
+                self.not_followed("scaling (G72)", block)
+        elif words.axes or not words.rest:
+            matrix = self.spatial_angles(words, block)
+            if matrix is not None:
+                self.tilt(matrix, block)
+
+    def tolerance(self, text: str, block: int) -> None:
+        """G62, cycle 32."""
+        found = _TOLERANCE.match(text)
+        if found is None:
+            self.recorder.find("CF101", f"words not understood: {text[:60]}", block)
+            return
+        self.set_tolerance(found["t"], block)
+        if found["ta"] is not None:
+            self.set_rotary_tolerance(found["ta"], block)
+        elif found["t"] is not None:
+            self.recorder.find("CF117", "cycle 32 without TA", block)
+
+    def dwell(self, read: _Block, block: int) -> None:
+        """G04."""
+        self.recorder.event("dwell (G04)", block)
+        read.words.feed = None
+        self._refuse(read.words, block, "dwell")
 
 
 def _jump(text: str) -> Jump | None:
@@ -223,7 +417,7 @@ def _jump(text: str) -> Jump | None:
     if found := _LABEL.match(text):
         return Jump("label", str(int(found[1])))
     if found := _CALL.match(text):
-        return Jump("call", str(int(found[1])), int(found[2]) or None)
+        return Jump("call", str(int(found[1])), int(found[2][:9]) or None)
     if _ENDING.match(text):
         return Jump("end")
     return None

@@ -1,7 +1,6 @@
 """A program as the verification sees it: what it states about itself, and the poses it moves through.
 
-Nothing here belongs to one dialect. A reader turns text into calls of `Recorder`, which keeps the modal state of the
-control and knows which poses follow from the text and which do not.
+Nothing here belongs to one dialect of programs.
 """
 
 from __future__ import annotations
@@ -10,13 +9,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from math import isnan, pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.verification.findings import Finding
-from conflank_cli.verification.kinematics import CAD_FRAME, Axes, Frame, StatedAxes, axis_of, letters_of
+from conflank_cli.verification.kinematics import CAD_FRAME, Axes, Frame, StatedAxes, letters_of
+from conflank_cli.verification.numbers import NUMBER, number
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -24,9 +23,6 @@ Flags = npt.NDArray[np.bool_]
 
 RETRACT_CHECKED = 200.0
 """A retract to the machine's limit has no length in the text; this much of it is checked, mm."""
-
-_VECTOR_TOLERANCE = 1e-3
-"""A tool vector whose length is off by more than this is a mistake, not rounding (the control reads 1.8 digits)."""
 
 
 class Interpolation(IntEnum):
@@ -93,6 +89,9 @@ class Moves:
     tool: (N,) index into the program's tool calls, -1 before the first.
     joined: (N,) whether the move into the pose starts at the pose before; otherwise the way there is not known.
     interpolation: (N,) the `Interpolation` that is active.
+    spindle: (N,) speed on the way into the pose, 1/min: > 0 clockwise (M3), < 0 counter-clockwise (M4), 0 off; NaN
+        where it turns at a speed that is not known.
+    coolant: (N,) number of the M function that has the coolant on, 7 or 8; 0 off.
     called: first move and name of every stretch of moves that stands in a called program ("" in the first one).
     """
 
@@ -106,6 +105,8 @@ class Moves:
     tool: Integers
     joined: Flags
     interpolation: Integers
+    spindle: Array
+    coolant: Integers
     called: tuple[tuple[int, str], ...] = ()
 
     def program(self, move: int) -> str | None:
@@ -115,6 +116,39 @@ class Moves:
             if first <= move:
                 name = called
         return name or None
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happens between two poses and is harmless off the part only.
+
+    Attributes
+    ----------
+    before: index of the first pose (row of `Moves`) that comes after it.
+    what: a stop, a dwell, or what else it is, for messages.
+    block: block number.
+    """
+
+    before: int
+    what: str
+    block: int
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What holds from a block on.
+
+    Attributes
+    ----------
+    before: index of the first pose (row of `Moves`) that comes after it.
+    value: the number of the preset; T (mm) and TA (degrees) of the tolerance cycle, None where it is as the builder
+        set it; the side of the radius compensation.
+    block: block number.
+    """
+
+    before: int
+    value: int | tuple[float, float | None] | str | None
+    block: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +167,10 @@ class UnknownMove:
     Attributes
     ----------
     before: index of the first known pose (row of `Moves`) that comes after it.
-    kind: "limit" (M140 MB MAX: along the tool axis to the limit of the machine), "machine" and "machine 2" (M91, M92:
-        coordinates of the machine), "turn" (rotary axes without tool centre point control; X, Y and Z stand), or "lost"
-        (a tool change, or anything else after which the position is not known).
+    kind: "tool" (a tool change), "limit" (M140 MB MAX: along the tool axis to the limit of the machine), "machine" and
+        "machine 2" (M91, M92: coordinates of the machine), "turn" (rotary axes without tool centre point control; X, Y
+        and Z stand), "across" (X and Y across the tool axis, at a height that is not known), or "lost" (anything else
+        after which the position is not known).
     words: axis words by letter in mm or radians, None where the value is not known; machine coordinates for "machine"
         and "machine 2", positions of rotary axes for "turn".
     rapid: whether it is a rapid.
@@ -177,6 +212,8 @@ class Program:
     findings: what is wrong or unknown.
     called: the programs it calls that were followed.
     unknown: the moves whose way does not follow from the text alone, in program order.
+    events: stops, dwells and the like.
+    presets, tolerances, sides: what cycle 247, cycle 32 and RL or RR have set, in program order.
     """
 
     name: str
@@ -190,20 +227,15 @@ class Program:
     findings: tuple[Finding, ...]
     called: tuple[CalledProgram, ...] = ()
     unknown: tuple[UnknownMove, ...] = ()
+    events: tuple[Event, ...] = ()
+    presets: tuple[Setting, ...] = ()
+    tolerances: tuple[Setting, ...] = ()
+    sides: tuple[Setting, ...] = ()
 
     @property
     def rotary_letters(self) -> str:
         """Letters of the columns of `moves.rotary`."""
         return letters_of(self.letters)
-
-
-NUMBER = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)"
-"""A number with decimal point or comma, as a regular expression."""
-
-
-def number(text: str) -> float:
-    """A number with decimal point or comma."""
-    return float(text.replace(",", "."))
 
 
 @dataclass(slots=True)
@@ -285,258 +317,3 @@ def tilt_axes(letters: set[str], stated: tuple[StatedRotary, ...] = ()) -> Axes 
     if letters <= {"A", "B"}:
         return "AB"
     return None
-
-
-Vector = tuple[float, float, float]
-_Place = tuple[float, float, float]
-_Turn = tuple[float, float]
-_UNSET, _NO_TURN = (float("nan"),) * 3, (float("nan"),) * 2
-_TURN = 2.0 * pi
-
-
-class Recorder:
-    """Modal state of a control, and the poses that follow from it.
-
-    A pose follows from the text where X, Y, Z and the orientation have all been programmed while tool centre point
-    control is active, or where it is not but all rotary axes stand at zero, so that both are the same. In a program
-    without any rotary word or vector they are taken to stand at zero.
-    """
-
-    def __init__(self, used: set[str], vectors: bool, stated: tuple[StatedRotary, ...] = ()) -> None:
-        """Begin.
-
-        Parameters
-        ----------
-        used: rotary letters that occur anywhere in the program.
-        vectors: whether axis vectors do.
-        stated: rotary axes of the header.
-        """
-        self.axes = tilt_axes(used, stated)
-        self.findings: dict[tuple[str, str], Finding] = {}
-        self.unknown_moves = 0
-        self.cuts: list[CutLabel] = []
-        self.tool_calls: list[ToolCall] = []
-        self.tolerance: tuple[float, float | None] | None = None
-        self.shortest_way = False
-        self.foreign_frame = ""
-        self.spatial = False
-        self.feed = float("nan")
-        self._tcpm = False
-        self._interpolation = Interpolation.AXIS
-        self._cut = -1
-        self._linear: dict[str, float | None] = {"X": None, "Y": None, "Z": None}
-        self._letters = letters_of(self.axes or "")
-        # An axis that the program never names may not exist; it is taken to stand at zero.
-        self._rotary: dict[str, float | None] = {
-            letter: None if letter in used or vectors else 0.0 for letter in self._letters
-        }
-        self._vector: Vector | None = None if used or vectors else (0.0, 0.0, 1.0)
-        self._physical: tuple[_Place, _Turn, Vector] | None = None
-        self._retracted = False
-        self._program = ""
-        self._called: list[tuple[int, str]] = []
-        self._rows: list[tuple[float, ...]] = []
-        self.unknown: list[UnknownMove] = []
-
-    def enter(self, program: str) -> None:
-        """What follows stands in a called program; "" for the first one."""
-        if program != self._program:
-            self._program = program
-            self._called.append((len(self._rows), program))
-
-    def find(self, code: str, text: str, block: int, key: str | None = None) -> None:
-        """Note a finding; the same thing again only counts."""
-        key = f"{self._program} {key or text}"
-        again = self.findings.get((code, key))
-        if again is None:
-            self.findings[code, key] = Finding(code, text + (f", in {self._program}" * bool(self._program)), block)
-        else:
-            self.findings[code, key] = Finding(code, again.text, again.block, count=again.count + 1)
-
-    def label(self, label: CutLabel) -> None:
-        """Open a sweep or pass, or close it; the same sweep opened again is still the same cut."""
-        if label.kind not in ("sweep", "pass"):
-            self._cut = -1
-            return
-        if label not in self.cuts:
-            self.cuts.append(label)
-        self._cut = self.cuts.index(label)
-
-    def call_tool(self, number: int | None, name: str | None, block: int) -> None:
-        """Change the tool; where the new one stands is not known."""
-        if self._tcpm:
-            self.find("CF113", "tool called while tool centre point control is active", block)
-        self.tool_calls.append(ToolCall(number, name, block))
-        self._note("lost", {}, False, block)
-        self._cut = -1
-        self._physical = None
-        self._retracted = True
-
-    def control(self, active: bool, interpolation: Interpolation = Interpolation.AXIS) -> None:
-        """Switch tool centre point control. Coordinates carry over only where all rotary axes stand at zero."""
-        if active != self._tcpm and not self._upright():
-            self._linear = {"X": None, "Y": None, "Z": None}
-        self._tcpm = active
-        self._interpolation = interpolation
-        if not active and self._vector is not None and not self._rotary:
-            self._vector = self._vector if self._vector[2] == 1.0 else None
-
-    @property
-    def controlled(self) -> bool:
-        """Whether tool centre point control is active."""
-        return self._tcpm
-
-    def _upright(self) -> bool:
-        if self._vector is not None:
-            return self._vector[2] == 1.0
-        return bool(self._rotary) and all(value == 0.0 for value in self._rotary.values())
-
-    def to_limit(self, block: int) -> None:
-        """Retract along the tool axis to the limit of the machine."""
-        if self._physical is not None:
-            self._append_along(RETRACT_CHECKED, block, True)
-        self._note("limit", {}, True, block)
-        self._lose()
-        self._retracted = True
-
-    def retract(self, length: float, rapid: bool, block: int) -> None:
-        """Retract along the tool axis by a length in mm."""
-        if self._physical is None:
-            self._unknown("retract from a pose that is not known", block)
-            return
-        self._append_along(length, block, rapid)
-        point = self._rows[-1]
-        if self._tcpm or self._upright():
-            self._linear = {letter: point[k] for k, letter in enumerate("XYZ")}
-        else:
-            self._linear = {"X": None, "Y": None, "Z": None}
-
-    def _append_along(self, length: float, block: int, rapid: bool) -> None:
-        assert self._physical is not None
-        (x, y, z), rotary, vector = self._physical
-        if isnan(vector[0]):
-            i, j, k = axis_of(self.axes or "", np.array([rotary]))[0].tolist()
-        else:
-            i, j, k = vector
-        self._append((x + length * i, y + length * j, z + length * k), rotary, vector, rapid, block)
-
-    def _note(self, kind: str, words: Mapping[str, float | None], rapid: bool, block: int) -> None:
-        self.unknown.append(UnknownMove(len(self._rows), kind, dict(words), rapid, block, self._program))
-
-    def machine_move(self, words: Mapping[str, float | None], rapid: bool, block: int, second: bool = False) -> None:
-        """A block in machine coordinates (M91; M92 if `second`): where it leads is not known in the part's."""
-        self._note("machine 2" if second else "machine", words, rapid, block)
-        self.unknown_moves += 1
-        self._lose()
-        for letter in words:
-            if letter in self._rotary:
-                self._rotary[letter] = None
-        if "Z" in words:
-            self._retracted = True
-        elif not self._retracted:
-            self._unknown("move in machine coordinates without a retract before it", block)
-
-    def _lose(self) -> None:
-        self._linear = {"X": None, "Y": None, "Z": None}
-        self._physical = None
-
-    def _unknown(self, text: str, block: int) -> None:
-        self._physical = None
-        self.unknown_moves += 1
-        if not self._retracted:
-            self.find("CF105", text, block)
-
-    def move(
-        self,
-        words: Mapping[str, float | None],
-        vector: Vector | None,
-        rapid: bool,
-        block: int,
-    ) -> None:
-        """A straight move. Words by letter in mm or radians, with a leading I for increments; None: value unknown."""
-        linear, rotary = self._linear, self._rotary
-        for word, value in words.items():
-            letter = word[-1]
-            if letter in linear:
-                store = linear
-            elif letter in rotary:
-                store = rotary
-                self._vector = None
-            else:
-                continue
-            before = store[letter]
-            if value is None:
-                store[letter] = None
-            elif word[0] == "I":
-                if before is None:
-                    self.find("CF105", f"increment {word} from a position that is not known", block)
-                store[letter] = None if before is None else before + value
-            elif self.shortest_way and before is not None and store is rotary:
-                turn = (value - before + pi) % _TURN - pi
-                store[letter] = before + (pi if turn == -pi and value > before else turn)
-            else:
-                store[letter] = value
-        if vector is not None:
-            self._point_along(vector, block)
-        x, y, z = linear.values()
-        if self.axes is None or self.foreign_frame:
-            self._physical = None
-            self.unknown_moves += 1
-            if self.foreign_frame:
-                self.find("CF105", f"move under {self.foreign_frame}, which is not followed", block)
-            return
-        if self.spatial and self._vector is None and not self._upright():
-            self._physical = None
-            self.find("CF108", "rotary words under AXIS SPAT are spatial angles, which are not followed", block)
-            return
-        known = self._vector is not None or (bool(rotary) and None not in rotary.values())
-        if x is None or y is None or z is None or not known or not (self._tcpm or self._upright()):
-            turns = {word[-1]: rotary.get(word[-1]) for word in words if word[-1] in rotary}
-            only = len(turns) == len(words) and not self._tcpm and vector is None
-            self._note("turn" if only else "lost", turns, rapid, block)
-            self._unknown("the pose does not follow from the text (no tool centre point control, or no retract)", block)
-            return
-        if self._physical is None and not self._retracted:
-            self.find("CF105", "the way to the first pose is not known, and no retract comes before it", block)
-        if self._vector is not None:
-            self._append((x, y, z), _NO_TURN, self._vector, rapid, block)
-        else:
-            first, second = rotary.values()
-            self._append((x, y, z), (first or 0.0, second or 0.0), _UNSET, rapid, block)
-
-    def _point_along(self, vector: Vector, block: int) -> None:
-        x, y, z = vector
-        length = sqrt(x * x + y * y + z * z)
-        if abs(length - 1.0) > _VECTOR_TOLERANCE:
-            self.find("CF109", f"tool vector of length {length:.4f}", block, "tool vector")
-        if not self._tcpm:
-            self.find("CF113", "tool vector without M128 or FUNCTION TCPM", block)
-        self._vector = (x / length, y / length, z / length) if length > 0.0 else None
-        self._rotary.update(dict.fromkeys(self._rotary))
-
-    def _append(self, point: _Place, rotary: _Turn, axis: Vector, rapid: bool, block: int) -> None:
-        joined = self._physical is not None
-        feed = float("nan") if rapid else self.feed
-        if not rapid and joined and feed != feed:
-            self.find("CF112", "cutting move without a feed", block)
-        tool = len(self.tool_calls) - 1
-        self._rows.append((*point, *rotary, *axis, feed, rapid, block, self._cut, tool, joined, self._interpolation))
-        self._physical = (point, rotary, axis)
-        self._retracted = False
-
-    def moves(self) -> Moves:
-        """The poses so far."""
-        table = np.array(self._rows, dtype=np.float64).reshape(len(self._rows), 15)
-        return Moves(
-            point=np.ascontiguousarray(table[:, 0:3]),
-            rotary=np.ascontiguousarray(table[:, 3:5]),
-            vector=np.ascontiguousarray(table[:, 5:8]),
-            feed=table[:, 8].copy(),
-            rapid=table[:, 9] > 0.0,
-            block=table[:, 10].astype(np.int64),
-            cut=table[:, 11].astype(np.int64),
-            tool=table[:, 12].astype(np.int64),
-            joined=table[:, 13] > 0.0,
-            interpolation=table[:, 14].astype(np.int64),
-            called=tuple(self._called),
-        )
