@@ -285,7 +285,7 @@ _FRAME = [
     Edit("PLANE without a word", before_cut("PLANE")),
     Edit("cycle 7 before the cut", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+1")),
     Edit("cycle 7 in the cut", in_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-0.5")),
-    Edit("cycle 7 incremental", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 IY+2")),
+    Edit("cycle 7 incremental", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 IX+2")),
     Edit("cycle 7 from a table", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 #5")),
     Edit("cycle 7 from a Q parameter", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+Q9")),
     Edit("cycle 7 in a rotary axis", before_cut("CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 C+5")),
@@ -381,7 +381,7 @@ _MOTION = [
     Edit("M127 for M126", sub("^M126$", "M127"), "either", JUDGED),
     Edit("M94 in the cut", in_cut("M94"), "either", "it changes what is shown"),
     Edit("M116", before_cut("M116"), "either", "no block turns rotary axes alone at feed"),
-    Edit("an increment", cut_block(lambda block: block.replace(" Y", " IY"))),
+    Edit("an increment", cut_block(lambda block: block.replace("X+", "IX+"))),
     Edit("a rotary increment", cut_block(lambda block: block.replace(" C", " IC"))),
     Edit("a coordinate twice", cut_block(lambda block: block.replace(" Y", " X+1 Y"))),
     Edit("the same coordinate twice", word("Y+0")),
@@ -422,11 +422,11 @@ _MOTION = [
     Edit("a pose of another line", cut_block(lambda block: re.sub(r"X\S+ Y\S+", "X+9.0000 Y-4.0000", block))),
     *(
         Edit(f"M{function} in the cut", in_cut(f"M{function}"))
-        for function in (10, 89, 97, 98, 99, 101, 104, 114, 115, 120, 124, 138, 141, 143, 144, 145, 150, 200, 400)
+        for function in (10, 89, 97, 98, 99, 101, 104, 114, 115, 120, 124, 138, 141, 143, 144, 150, 200, 400)
     ),
     *(
         Edit(f"M{function} in the cut", in_cut(f"M{function}"), "either", "the path stays")
-        for function in (90, 112, 134, 148)
+        for function in (90, 112, 134, 145, 148)
     ),
     Edit("M107", in_cut("M107"), "either", "it suppresses a message"),
 ]
