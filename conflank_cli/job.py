@@ -250,12 +250,24 @@ class Cycle32(Struct, frozen=True, forbid_unknown_fields=True):
     ta: Positive | None = None
 
 
+class Foreign(Struct, frozen=True, forbid_unknown_fields=True):
+    """What holds for a program from elsewhere that states nothing in its comments.
+
+    Its frame is that of [setup], its preset and its machine are those of the job. reference is the point of the tool
+    that it programs, tools the tool of [tools] behind a number or name in the program; without it those of the same
+    number or name.
+    """
+
+    reference: Literal["tip", "sphere centre"] = "tip"
+    tools: dict[str, str] = {}
+
+
 class Program(Struct, frozen=True, forbid_unknown_fields=True):
     """The program: name on the control, format, style, split, datum, cutting direction, feed, retracts, coolant.
 
     format is that of an installed post, style one of its styles (None: its first), options are of the post's own.
     datum is the number of a preset, or a shift (x, y, z) of the datum. tool_numbers are numbers on the machine by name
-    of tool; empty: those of the tools' definitions.
+    of tool; empty: those of the tools' definitions. foreign is for judging programs from elsewhere.
     """
 
     name: ProgramName = "BLADE1"
@@ -270,6 +282,7 @@ class Program(Struct, frozen=True, forbid_unknown_fields=True):
     safe: Safe = Safe()
     coolant: Literal["M7", "M8", "none"] = "M8"
     cycle32: Cycle32 = Cycle32()
+    foreign: Foreign | None = None
 
 
 class Job(Struct, frozen=True, forbid_unknown_fields=True):
@@ -627,6 +640,14 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
             "Name one of these, or install the package that brings its post.",
         )
     _check_tool_numbers(job, where)
+    for name in () if job.program.foreign is None else job.program.foreign.tools.values():
+        if name not in job.tools.use:
+            raise InputError(
+                f"{where}: [program] foreign.tools",
+                repr(name),
+                "a tool of [tools] use: " + ", ".join(job.tools.use),
+                "Correct the name.",
+            )
     if "name" in machine and "file" in machine:
         raise InputError(
             f"{where}: [machine]", "both name and file", "one of them", "Remove name to use your own machine file."

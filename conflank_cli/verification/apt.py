@@ -83,6 +83,7 @@ def read_apt(text: str) -> Program:
         unknown_moves=recorder.unknown_moves,
         findings=tuple(recorder.findings.values()),
         unknown=tuple(recorder.unknown),
+        control=False,
     )
 
 

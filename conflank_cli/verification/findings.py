@@ -33,8 +33,13 @@ CODES: dict[str, str] = {
     "CF302": "cone too near",
     "CF303": "shank too near",
     "CF304": "holder too near",
+    "CF401": "axis out of range",
+    "CF402": "axis out of travel",
+    "CF403": "axis too fast",
+    "CF404": "axis acceleration",
+    "CF405": "axis jerk",
 }
-"""1xx reading, 2xx cut, 3xx clearance. A code is never given another meaning; new kinds get new numbers."""
+"""1xx reading, 2xx cut, 3xx clearance, 4xx machine. A code never gets another meaning; new kinds get new numbers."""
 
 
 class Finding(Struct, frozen=True, omit_defaults=False):
@@ -47,7 +52,7 @@ class Finding(Struct, frozen=True, omit_defaults=False):
     block: number of the block in the program (its line where blocks are not numbered), if it has one.
     place: point in the CAD frame, mm, if it has one.
     amount, limit: the value found and the one allowed, in `unit`.
-    unit: "um", "mm", "1" or "".
+    unit: "um", "mm", "deg", "1" or "".
     count: how many times the same thing occurs; block and place are then those of the first or worst.
     """
 

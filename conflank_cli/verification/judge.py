@@ -13,6 +13,7 @@ from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
 from conflank_cli.verification.clearance import clearances_of, no_clearances
+from conflank_cli.verification.contact import in_contact
 from conflank_cli.verification.figures import (
     RAPID_RATE,
     ROUNDING,
@@ -137,6 +138,7 @@ def _judge(
     # A pass may gouge what a sweep has covered, but it cannot cover it for the sweep.
     coverage_flank = float(area[covers(swept.flank)].sum()) / total
 
+    findings += in_contact(program, poses, tools, surface + tolerance.allowance * normals, tolerance.undercut)
     findings += worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
     findings += too_near
     if coverage < scene.job.selection.coverage:

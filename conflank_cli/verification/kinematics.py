@@ -81,8 +81,8 @@ def letters_of(axes: Axes) -> str:
     return axes.letters if isinstance(axes, StatedAxes) else axes
 
 
-def _turned(direction: tuple[float, float, float], angle: Array, vectors: Array) -> Array:
-    """Vectors (N, 3) turned by angles (N,) about a direction (any length)."""
+def turned(direction: tuple[float, float, float], angle: Array, vectors: Array) -> Array:
+    """Vectors (N, 3) turned by angles (N,), radians, about a direction (any length)."""
     about = np.array(direction) / np.linalg.norm(direction)
     x, y, z = about
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -105,7 +105,7 @@ def axis_of(letters: Axes, rotary: Array) -> Array:
     first, second = rotary[:, 0], rotary[:, 1]
     if isinstance(letters, StatedAxes):
         spindle = np.tile([0.0, 0.0, 1.0], (len(rotary), 1))
-        return _turned(letters.first, first, _turned(letters.second, second, spindle))
+        return turned(letters.first, first, turned(letters.second, second, spindle))
     if letters == "AC":
         parts = (np.sin(second) * np.sin(first), -np.cos(second) * np.sin(first), np.cos(first))
     elif letters == "BC":

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +12,16 @@ import numpy.typing as npt
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
+from conflank_cli.verification.agreement import disagreements
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.kinematics import Frame
+from conflank_cli.verification.machine import MachineModel, machine_of
 from conflank_cli.verification.poses import Poses, poses_on_part
 from conflank_cli.verification.program import Program
 from conflank_cli.verification.reader import read_program
+from conflank_cli.verification.standing import Standing
+from conflank_cli.verification.travel import out_of_range, out_of_travel
+from conflank_cli.verification.ways import Mounted, Ways, follow_ways
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -27,6 +33,12 @@ _SAME_FRAME = 1e-3
 _SAME_TOOL = 1e-3
 """Cutters whose sizes differ by less than this are the same, mm."""
 
+_SAME_DIRECTION = 1e-6
+"""Directions of a rotary axis that differ by less than this are the same: the header gives twelve decimals."""
+
+_ROTARY_WORD = re.compile(r"(?<![A-Z_])I?([ABC])(?=[+-]?[\d.,Q])")
+_COMMENT = re.compile(r";.*|\([^)\n]*\)")
+
 
 @dataclass(frozen=True, slots=True)
 class PosedProgram:
@@ -34,9 +46,12 @@ class PosedProgram:
 
     Attributes
     ----------
-    program: the text, read.
+    program: the text, read; `unknown_moves` are those that are neither followed nor proven free.
     tools: the cutter of every tool call, None where it is not known.
-    poses: all poses, in the CAD frame.
+    poses: all poses, in the CAD frame, those that stand for ways off the part among them.
+    rotary: positions of the machine's rotary axes at all poses, (N, 2) radians, in the machine's order; NaN where they
+        are not known.
+    machine: the job's machine.
     by_copy: the same as each copy in the job's [setup] sees them, turned back to the first.
     findings: what is wrong or unknown so far.
     """
@@ -44,6 +59,8 @@ class PosedProgram:
     program: Program
     tools: tuple[Tool | None, ...]
     poses: Poses
+    rotary: Array
+    machine: MachineModel
     by_copy: tuple[Poses, ...]
     findings: tuple[Finding, ...]
 
@@ -63,7 +80,15 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             for tool in scene.tools
             if (tool.name == stated[0].name if stated else tool.number == call.number or tool.name == call.name)
         ]
-        label = f"tool {call.number if call.number is not None else call.name}"
+        called = call.name if call.number is None else str(call.number)
+        label = f"tool {called}"
+        foreign = scene.job.program.foreign
+        if not stated and foreign is not None:
+            wanted = foreign.tools.get(called or "")
+            meant = [tool for tool in scene.tools if tool.name == wanted] if wanted else drawer
+            if len(meant) == 1:
+                tools.append(meant[0])
+                continue
         if not stated:
             text = f"{label} is not stated in the header (; TOOL n name R_MIN .. R_MAX .. LENGTH ..)"
             if len(drawer) == 1:
@@ -99,6 +124,8 @@ def _frame_of(program: Program, scene: Scene) -> tuple[Frame, list[Finding]]:
     setup = scene.job.setup
     own = Frame(setup.rotate_deg, setup.translate)
     stated = program.header.frame
+    if stated is None and scene.job.program.foreign is not None:
+        return own, []
     if stated is None:
         text = "the frame is not stated in the header (; FRAME ..); judged in the frame of the job's [setup]"
         return own, [Finding("CF104", text)]
@@ -111,29 +138,131 @@ def _frame_of(program: Program, scene: Scene) -> tuple[Frame, list[Finding]]:
     return stated, []
 
 
+def _contradictions(program: Program, scene: Scene, machine: MachineModel) -> list[Finding]:
+    """What the header states of machine, part and faces, and the job knows otherwise."""
+    header = program.header
+    texts = []
+    if header.machine is not None and header.machine != machine.name:
+        texts.append(f"the header names the machine {header.machine}, the job's is {machine.name}")
+    stated = {axis.letter: np.array(axis.direction) for axis in header.rotary}
+    if stated and "".join(stated) != machine.letters:
+        texts.append(f"the header states the rotary axes {' '.join(stated)}, the job's machine has {machine.letters}")
+    for axis in machine.rotary:
+        own = stated.get(axis.letter)
+        if own is None or np.linalg.norm(own) == 0.0:
+            continue
+        if np.abs(own / np.linalg.norm(own) - np.array(axis.direction)).max() > _SAME_DIRECTION:
+            texts.append(f"the header states another direction of axis {axis.letter} than the job's machine has")
+    if header.part is not None and header.part != _as_stated(scene.part_name):
+        texts.append(f"the header names the part {header.part}, the job's is {scene.part_name}")
+    numbers = [face.number for face in scene.faces]
+    if other := [face for face in header.faces if face not in numbers]:
+        texts.append(f"the header names face {other[0]}, the job's design faces are {', '.join(map(str, numbers))}")
+    return [Finding("CF110", text) for text in texts]
+
+
+def _as_stated(name: str) -> str:
+    """A name as comments carry it: one word of printable ASCII."""
+    return re.sub(r"[^!-}]", "_", name)[:40] or "_"
+
+
+def _by_machine(program: Program, machine: MachineModel) -> tuple[Program, list[Finding]]:
+    """The program with its rotary words read by the job's machine: its letters, directions and order."""
+    moves, letters = program.moves, program.rotary_letters
+    named = {letter for move in program.unknown for letter, value in move.words.items() if letter in "ABC" and value}
+    named |= {letter for k, letter in enumerate(letters) if np.nan_to_num(moves.rotary[:, k]).any()}
+    if missing := sorted(named - set(machine.letters)):
+        text = f"rotary axis {missing[0]}, which the job's machine {machine.name} does not have ({machine.letters})"
+        return program, [Finding("CF110", text)]
+    by_vector = np.isfinite(moves.vector).all(axis=1)
+    rotary = np.zeros((len(moves.block), 2))
+    # An axis that no word names stands at zero.
+    for column, letter in enumerate(machine.letters):
+        if letter in letters:
+            rotary[:, column] = moves.rotary[:, letters.index(letter)]
+    # So do all where nothing names any; elsewhere, with a vector, they stand wherever that wants them.
+    if letters or not np.all(moves.vector[by_vector] == [0.0, 0.0, 1.0]):
+        rotary[by_vector] = np.nan
+    return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary)), []
+
+
+def _named(texts: list[str]) -> frozenset[str]:
+    """Rotary letters that stand with a value anywhere in the text of programs, comments aside."""
+    return frozenset(found for text in texts for found in _ROTARY_WORD.findall(_COMMENT.sub("", text.upper())))
+
+
+def _lengths(tools: list[Tool | None], gauge: Mapping[str, float]) -> tuple[float | None, ...]:
+    """Length from tip to nose of the tool of every call, mm."""
+    return tuple(None if tool is None else gauge.get(tool.name) for tool in tools)
+
+
 def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | None = None) -> PosedProgram:
     """Read a program and find the cutter's poses on the part; what the text does not say comes from the scene's job.
 
     Parameters
     ----------
     text, scene, called: as `verify_program`.
+
+    Raises
+    ------
+    InputError: the job's machine cannot be read.
     """
-    program = read_program(text, called)
+    machine = machine_of(scene.job.machine)
+    program = read_program(text, called, machine.axes, machine.harmless)
     findings = list(program.findings)
     tools, found = _tools_of(program, scene)
     findings += found
     frame, found = _frame_of(program, scene)
-    findings += found
-    if program.header.reference is None:
+    findings += [*found, *_contradictions(program, scene, machine), *disagreements(program, scene.job, tools)]
+    reference, foreign = program.header.reference, scene.job.program.foreign
+    if reference is None and foreign is not None:
+        reference = foreign.reference.upper()
+    elif reference is None:
         findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
+    centre = reference == "SPHERE CENTRE"
+    below = tuple(0.0 if tool is None or not centre else tool.ball_radius for tool in tools)
+    program, found = _by_machine(program, machine)
+    findings += found
+    rotary = program.moves.rotary
+    if not found:
+        zero, lengths = scene.job.machine.zero, _lengths(tools, scene.job.machine.gauge_length)
+        mounted = Mounted(
+            machine=machine,
+            standing=Standing.of(scene, frame),
+            tools=tuple(tools),
+            zero=None if zero is None else np.array(zero),
+            lengths=lengths,
+            below=below,
+            named=_named([text, *(part.text for part in program.called)]),
+            no_machine=not program.control,
+        )
+        ways = follow_ways(program, mounted)
+        program = replace(
+            program,
+            moves=ways.moves,
+            unknown=ways.unknown,
+            events=ways.events,
+            unknown_moves=ways.unknown_moves,
+        )
+        rotary = ways.rotary
+        findings += [*ways.findings, *_out_of_reach(ways, mounted)]
     moves = program.moves
-    below = np.zeros(len(moves.block))
-    if program.header.reference == "SPHERE CENTRE":
-        radii = np.array([0.0 if tool is None else tool.ball_radius for tool in tools] + [0.0])
-        below = radii[moves.tool]
-    poses = poses_on_part(moves, program.letters, frame, below)
-    copies = scene.job.setup.copies
+    below_point = np.array([*below, 0.0])[moves.tool]
+    poses = poses_on_part(moves, program.letters, frame, below_point)
     by_copy = tuple(
-        poses_on_part(moves, program.letters, replace(frame, turned=turn), below) for turn in pattern.turns(copies)
+        poses_on_part(moves, program.letters, replace(frame, turned=turn), below_point)
+        for turn in pattern.turns(scene.job.setup.copies)
     )
-    return PosedProgram(program, tuple(tools), poses, by_copy, tuple(findings))
+    return PosedProgram(program, tuple(tools), poses, rotary, machine, by_copy, tuple(findings))
+
+
+def _out_of_reach(ways: Ways, mounted: Mounted) -> list[Finding]:
+    """Axes that would have to leave their ranges, and, where it is known how all is mounted, their travels."""
+    machine, moves = mounted.machine, ways.moves
+    findings = list(out_of_range(machine, ways))
+    if mounted.zero is not None and any(length is not None for length in mounted.lengths):
+        lengths = np.array([*(np.nan if length is None else length for length in mounted.lengths), np.nan])[moves.tool]
+        axis = np.where(np.isfinite(moves.vector), moves.vector, machine.tool_axis(ways.rotary))
+        tip = moves.point - np.array([*mounted.below, 0.0])[moves.tool][:, None] * axis
+        findings += out_of_travel(machine, ways, tip, mounted.zero, lengths)
+    return findings

@@ -214,6 +214,7 @@ class Program:
     unknown: the moves whose way does not follow from the text alone, in program order.
     events: stops, dwells and the like.
     presets, tolerances, sides: what cycle 247, cycle 32 and RL or RR have set, in program order.
+    control: whether it is written for the control; APT data is not.
     """
 
     name: str
@@ -231,6 +232,7 @@ class Program:
     presets: tuple[Setting, ...] = ()
     tolerances: tuple[Setting, ...] = ()
     sides: tuple[Setting, ...] = ()
+    control: bool = True
 
     @property
     def rotary_letters(self) -> str:

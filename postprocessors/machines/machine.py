@@ -118,6 +118,8 @@ class Machine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     retract: "M140" retracts along the tool axis to the limit; "M91" goes to Z `retract_z_mm` in machine coordinates.
     retract_z_mm: only with M91.
     block_time_ms: time the control needs for one block.
+    harmless_m: M functions of the machine's builder that move and stop nothing (clamps of an axis, say); the
+        verification of a program passes them over.
     """
 
     name: str
@@ -129,6 +131,7 @@ class Machine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     retract: Literal["M140", "M91"] = "M140"
     retract_z_mm: float | None = None
     block_time_ms: float
+    harmless_m: tuple[int, ...] = ()
 
     @property
     def limits(self) -> Limits:
@@ -140,6 +143,9 @@ class Machine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             np.array([*(a.max_jerk_mm_s3 for a in lines), *(a.max_jerk_deg_s3 for a in turns)]),
         )
 
+
+CONTROL_FUNCTIONS = frozenset({*range(7), 8, 9, 13, 14, 30, *range(89, 151), *range(197, 205)})
+"""M functions that the control itself defines: a machine's builder has no say in them."""
 
 UNKNOWN = "?"
 """Stands in a machine file for a value that has to be filled in."""
@@ -266,6 +272,10 @@ def _check(machine: Machine, where: str) -> None:
         low, high = line.travel_mm
         if not (isfinite(low) and isfinite(high) and low < high):
             raise PostError(f"{where}: linear.{letter}.travel_mm", f"[{low}, {high}]", "[least, greatest]", change)
+    for function in machine.harmless_m:
+        if function in CONTROL_FUNCTIONS or not 0 <= function <= 999:
+            expected = "M functions of the machine's builder, as M10"
+            raise PostError(f"{where}: harmless_m", f"M{function}", expected, change)
     if (machine.retract == "M91") != (machine.retract_z_mm is not None):
         found = f"retract {machine.retract} and retract_z_mm {machine.retract_z_mm}"
         raise PostError(f"{where}: retract", found, "retract_z_mm exactly with M91", change)

@@ -76,15 +76,21 @@ def header(tool: Tool = T1, frame: str = "CAD", reference: str = "TIP") -> list[
     ]
 
 
+ROTARY_TOLERANCE = 0.003
+"""TA of cycle 32, degrees: less than T over the height of every tool here."""
+
+
 def program(body: Sequence[str], head: Sequence[str] | None = None, tool: Tool = T1) -> str:
     """A numbered program with our own frame around the body."""
     blocks = [
         "BEGIN PGM TEST MM",
         *(header(tool) if head is None else head),
         f"TOOL CALL {tool.number} Z S3000",
+        "CYCL DEF 247 DATUM SETTING Q339=+1",
         "CYCL DEF 32.0 TOLERANCE",
         "CYCL DEF 32.1 T0.002",
-        "CYCL DEF 32.2 HSC-MODE:0 TA0.01",
+        f"CYCL DEF 32.2 HSC-MODE:0 TA{ROTARY_TOLERANCE}",
+        "M13",
         "L M140 MB MAX",
         *body,
         "M30",

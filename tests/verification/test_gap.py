@@ -41,6 +41,8 @@ def moves_of(point: np.ndarray, rotary: np.ndarray) -> Moves:
         tool=np.zeros(count, dtype=np.int64),
         joined=np.arange(count) > 0,
         interpolation=np.zeros(count, dtype=np.int64),
+        spindle=np.full(count, 3000.0),
+        coolant=np.full(count, 8),
     )
 
 

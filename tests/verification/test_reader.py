@@ -11,7 +11,7 @@ from conflank_cli.verification.conversational import split_conversational
 from conflank_cli.verification.kinematics import axis_of
 from conflank_cli.verification.program import CutLabel, Interpolation, StatedTool
 from conflank_cli.verification.reader import read_program
-from tests.verification.scenes import TCPM, program
+from tests.verification.scenes import ROTARY_TOLERANCE, TCPM, program
 
 
 def codes(text: str) -> set[str]:
@@ -41,7 +41,7 @@ def test_our_own_style() -> None:
     assert read.name == "TEST"
     assert read.header.tools == (StatedTool(1, "T1", 1.5, 3.0, 24.0),)
     assert read.header.faces == (0,)
-    assert read.tolerance == (0.002, 0.01)
+    assert read.tolerance == (0.002, ROTARY_TOLERANCE)
     assert read.cuts == (CutLabel("sweep", 1),)
     assert read.letters == "AC"
     assert read.unknown_moves == 1
@@ -204,7 +204,7 @@ def test_a_program_cut_off_is_a_finding() -> None:
 
 def test_the_same_finding_again_only_counts() -> None:
     (finding,) = read_program(program([*KNOWN, "WOBBLE", "WOBBLE"])).findings
-    assert (finding.count, finding.block) == (2, 16)
+    assert (finding.count, finding.block) == (2, 18)
 
 
 @pytest.mark.parametrize(

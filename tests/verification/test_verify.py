@@ -21,6 +21,7 @@ from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification, from_json
 from conflank_cli.verification.sampling import Surroundings, sample_face
 from tests.verification.scenes import (
+    ROTARY_TOLERANCE,
     T1,
     TCPM,
     cylinder_face,
@@ -53,7 +54,7 @@ def flank_program(height: float = 0.0, x: tuple[float, float] = (0.0, 40.0), lab
             f"; {label}",
             f"L X{x[1]:+.4f} F1000",
             "; RETRACT 1",
-            f"L Z{tip[2] + 30:+.9f} FMAX",
+            f"L Z{tip[2] + 30:+.9f} F2000",
             "FUNCTION RESET TCPM",
             "L M140 MB MAX",
         ]
@@ -81,9 +82,9 @@ def test_a_cone_rolled_along_a_plane_cuts_it_exactly() -> None:
     assert sweep.length_mm == pytest.approx(40.0)
     assert result.faces[0].area_mm2 == pytest.approx(380.0)
     assert result.program_sha256 == hashlib.sha256(text.encode()).hexdigest()
-    # T + h TA: 2 um, and 0.01 degrees over 24 mm of cone and the ball below it.
+    # T + h TA: 2 um, and TA over 24 mm of cone and the ball below it.
     height = 24.0 - T1.tip_height
-    assert result.control_tolerance_um == pytest.approx(2.0 + 1000.0 * height * radians(0.01), abs=1e-3)
+    assert result.control_tolerance_um == pytest.approx(2.0 + 1000.0 * height * radians(ROTARY_TOLERANCE), abs=1e-3)
     assert from_json(result.to_json()) == result
 
 
