@@ -88,7 +88,7 @@ class Words:
             self.plane.add(word)
         known = value(text)
         if known is not None and not abs(known) <= most:
-            self.wrong.append(f"{word}{text[:20]} is beyond what the control takes (+-{most:g})")
+            self.wrong.append(f"{word}{text[:20]} is beyond what the control takes (+-{most})")
             known = None
         store[letter] = None if known is None else known * scale
 
