@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
-import numpy as np
 
 from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.posed import PosedProgram, pose_program
-from tests.verification.posted import POINTS, Posted, posted
+from tests.verification.posted import NOTHING, POINTS, Posted
 
 Blocks = list[str]
 Change = Callable[[Blocks], Blocks]
@@ -82,9 +81,40 @@ def numbered(blocks: Sequence[str], kind: str = "h") -> str:
 
 
 def found(program: Posted, text: str) -> list[str]:
-    """Codes of what is found, of the text alone where that is enough."""
-    return [finding.code for finding in pose_program(text, program.scene, program.called).findings] or [
-        finding.code for finding in verify_program(text, program.scene, "", POINTS, program.called).findings
+    """Codes of what is found: of the text alone where that is enough, then on the design faces, then beside them."""
+    codes = [finding.code for finding in pose_program(text, program.scene, program.called).findings]
+    # What lies beside the faces can only add findings.
+    for scene in (program.scene.checking(NOTHING), program.scene):
+        if not codes:
+            result = verify_program(text, scene, "", POINTS, program.called)
+            codes = [finding.code for finding in result.findings]
+    return codes
+
+
+def same_reading(program: Posted, text: str) -> bool:
+    """Whether a text is read as the posted one is, but for numbers and names of blocks: nothing to judge anew."""
+    one, other = (pose_program(each, program.scene, program.called) for each in (program.text, text))
+    return _plain(one) == _plain(other)
+
+
+def _plain(posed: PosedProgram) -> list[object]:
+    """All that a judgement goes by."""
+    read, moves = posed.program, posed.program.moves
+    columns = [getattr(moves, field.name) for field in fields(moves) if field.name not in ("block", "called")]
+    settings = [
+        [(setting.before, setting.value) for setting in each] for each in (read.presets, read.tolerances, read.sides)
+    ]
+    return [
+        [column.tobytes() for column in columns],
+        posed.poses.tip.tobytes(),
+        posed.poses.axis.tobytes(),
+        posed.tools,
+        read.cuts,
+        read.tolerance,
+        settings,
+        [(event.before, event.what) for event in read.events],
+        [(move.before, move.kind, dict(move.words), move.rapid) for move in read.unknown],
+        [finding.code for finding in posed.findings],
     ]
 
 
@@ -140,6 +170,11 @@ def sub(pattern: str, by: str, count: int = 1) -> Change:
         return text.split("\n")
 
     return change
+
+
+def first_feed(feed: str) -> Change:
+    """The first feed within the first sweep changed."""
+    return sub(r"(^; SWEEP 1\n(?:.*\n)*?.* )F\d+$", rf"\g<1>{feed}")
 
 
 def drop(start: str, count: int = 1) -> Change:
@@ -260,7 +295,7 @@ _FEED = [
         "FQ50, set to a sound feed", both(before_cut("FN 0: Q50 = +800"), word("FQ50")), "either", "followed or named"
     ),
     Edit("no feed at all", sub(r" F\d+$", "", 0)),
-    Edit("feed ten times", sub(r"F817$", "F8170")),
+    Edit("feed ten times", first_feed("F8170")),
     Edit("M136 in the cut", in_cut("M136")),
     Edit("M136 at the start", at_start("M136")),
     Edit("M137", at_start("M137"), "none"),
@@ -269,7 +304,7 @@ _FEED = [
     Edit("M109", in_cut("M109"), "either", "it changes feeds of arcs only"),
     Edit("M128 F0", sub("^M128$", "M128 F0"), style="m128"),
     Edit("M128 F500", sub("^M128$", "M128 F500"), "either", "it caps the movement of the axes", style="m128"),
-    Edit("a feed of three decimals", sub(r"F817$", "F817.000"), "none"),
+    Edit("a feed of three decimals", first_feed("F800.000"), "none"),
 ]
 
 _FRAME = [
@@ -574,9 +609,7 @@ _TEXT = [
             ("carriage return alone", "\r"),
         )
     ),
-    Edit(
-        "NUL within a word", same, whole=lambda text: text.replace("X+3.4666", "X+3\0.4666").replace("F817", "F8\x0017")
-    ),
+    Edit("NUL within a word", cut_block(lambda block: block.replace("+3", "+3\0"))),
     Edit("a letter that is no ASCII in a comment", sub("; CONFLANK", "; M\xdcLLER")),
     Edit("a Cyrillic letter for an axis", cut_block(lambda block: block.replace("X", "\u0425"))),
     Edit("digits of another script", cut_block(lambda block: block.replace("+3", "+\u0663"))),
@@ -619,9 +652,9 @@ _ISO = [
         ("S0", sub("S3000", "S0"), "finding", ""),
         ("S+1000", sub("S3000", "S4000"), "finding", ""),
         ("a sweep at rapid", sub("^(; SWEEP 1\n(?:G01.*\n){3})G01", r"\1G00"), "finding", ""),
-        ("F0", sub("F817$", "F0"), "finding", ""),
-        ("F99999", sub("F817$", "F99999"), "finding", ""),
-        ("feed from Q", sub("F817$", "FQ5"), "finding", ""),
+        ("F0", first_feed("F0"), "finding", ""),
+        ("F99999", first_feed("F99999"), "finding", ""),
+        ("feed from Q", first_feed("FQ5"), "finding", ""),
         ("G94 and G95", after("; SWEEP 1", "G95 F0.1"), "finding", ""),
         ("a shift", after("; SWEEP 1", "G54 X+1"), "finding", ""),
         ("a shift before the cut", before("M128", "G54 Z+0.5"), "finding", ""),
@@ -727,3 +760,149 @@ _APT = [
 EDITS: tuple[Edit, ...] = (
     *_SPINDLE, *_FEED, *_FRAME, *_TOOL, *_MOTION, *_STOPS, *_TOLERANCE, *_COOLANT, *_HEADER, *_FLOW, *_TEXT, *_ISO, *_APT,
 )  # fmt: skip
+
+
+# --- systematic edits -------------------------------------------------------------------------------------------------
+
+_FACT = re.compile(r"(?:; |PPRINT/)(TOOL|REFERENCE|FRAME|ROTARY) ")
+_STRETCH = re.compile(r"(?:; |PPRINT/)(APPROACH|SWEEP|PASS|RETRACT|LINK) \d")
+_POSE = re.compile(r"(?:LN? X|(?:G0[01] )?(?:G4\d )?(?:G90 )?X|GOTO/)")
+_WORDS = re.compile(r"(?<![A-Z])([A-Z]+)([+-]?\d+(?:\.\d*)?)(?![\d.])")
+
+Trace = list[tuple[object, ...]]
+
+
+def control_lines(blocks: Blocks, poses: bool) -> list[int]:
+    """Lines that are no poses and, with `poses`, the first and last pose of every stretch."""
+    inner = {index for index, block in enumerate(blocks) if _POSE.match(block)}
+    if poses:
+        inner = {index for index in inner if all(_is_pose(blocks, k) for k in (index - 1, index + 1))}
+    return [index for index in range(len(blocks)) if index not in inner]
+
+
+def _is_pose(blocks: Blocks, index: int) -> bool:
+    return bool(_POSE.match(blocks[index]) or blocks[index].startswith("FEDRAT"))
+
+
+def line_edits(original: Posted, kind: str, style: str, poses: bool) -> Iterator[Edit]:
+    """Each control line left out, doubled, and swapped with the next."""
+    blocks = blocks_of(original.text, kind)
+    for index in control_lines(blocks, poses):
+        line = f"line {index} ({blocks[index].strip()[:40]})"
+        yield Edit(f"{line} left out", _without(index), kind=kind, style=style)
+        yield Edit(f"{line} twice", _twice(index), kind=kind, style=style)
+        if index + 1 < len(blocks):
+            yield Edit(f"{line} after the next", _swapped(index), kind=kind, style=style)
+
+
+def _without(index: int) -> Change:
+    return lambda blocks: [*blocks[:index], *blocks[index + 1 :]]
+
+
+def _twice(index: int) -> Change:
+    return lambda blocks: [*blocks[: index + 1], *blocks[index:]]
+
+
+def _swapped(index: int) -> Change:
+    return lambda blocks: [*blocks[:index], blocks[index + 1], blocks[index], *blocks[index + 2 :]]
+
+
+def number_edits(original: Posted, kind: str, style: str, every: int = 0) -> Iterator[Edit]:
+    """Numbers of control lines, and of every so many lines whatever they are, changed by what matters."""
+    blocks = blocks_of(original.text, kind)
+    chosen = set(control_lines(blocks, every > 0)) | set(range(0, len(blocks), every) if every else ())
+    for index in sorted(chosen):
+        block = blocks[index]
+        if block.startswith((";", "BLK", "PPRINT", "G30", "G31", "PARTNO")) and not _FACT.match(block):
+            continue
+        for found_word in _WORDS.finditer(block):
+            for value in _other_values(found_word[1], found_word[2], block):
+                new = block[: found_word.start(2)] + value + block[found_word.end(2) :]
+                name = f"line {index}: {found_word[0]} to {found_word[1]}{value}"
+                yield Edit(name, _replaced(index, new), kind=kind, style=style)
+
+
+def _replaced(index: int, new: str) -> Change:
+    return lambda blocks: [*blocks[:index], new, *blocks[index + 1 :]]
+
+
+def _other_values(letter: str, value: str, block: str) -> list[str]:
+    if letter in ("X", "Y", "Z") and not block.startswith("CYCL"):
+        return [f"{float(value) + 1.0:+.4f}", f"{float(value) - 1.0:+.4f}"]
+    if letter in ("A", "B", "C"):
+        return [f"{float(value) + 2.0:+.4f}"]
+    if letter in ("TX", "TY", "TZ"):
+        return [f"{float(value) + 0.1:+.7f}"]
+    if letter == "F":
+        return ["0", f"{10 * int(value)}"]
+    if letter == "S":
+        return ["0", f"{int(value) + 1000}"]
+    if letter == "T":
+        return ["0.5"] if "." in value else [f"{int(value) + 1}"]
+    return {"TA": ["5"], "M": ["97"] if value in ("128", "3") else [], "Q": []}.get(letter, [])
+
+
+_BY_KEY = {
+    **{word: "control" for word in ("M128", "M129", "FUNCTION")},
+    **{word: "spindle" for word in ("M5", "SPINDL")},
+    **{word: "coolant" for word in ("M7", "M8", "M9", "COOLNT")},
+    **{word: "preset" for word in ("G247", "Q339=+1")},
+    **{word: "shortest way" for word in ("M126", "M127")},
+    **{word: word for word in ("PLANE", "UNITS", "MULTAX")},
+}
+"""What words of posted programs set, by the first word of a line."""
+_WITHOUT_EFFECT = frozenset(("BLK", "PPRINT", "G30", "G31", "PARTNO", "M30"))
+_ALWAYS = ("control", "PLANE", "preset", "tool", "UNITS", "MULTAX")
+_AT_FEED = (*_ALWAYS, "spindle", "coolant", "tolerance", "feed")
+
+
+def trace(text: str, kind: str) -> tuple[Trace, set[object]]:
+    """What a machine does by a posted program, told by the few words that posts use: an authority for mutants.
+
+    Returns its events with what holds for each, and what holds for feed moves anywhere (but their feeds). The shorter
+    way of rotary axes (M126) is left out: verification follows it, so that it is judged. Written for the edits of
+    posted programs alone; what it does not know is an event.
+    """
+    state: dict[str, str] = {}
+    events: Trace = []
+    held: set[object] = set()
+    facts = tuple(sorted({block for block in blocks_of(text, kind) if _FACT.match(block)}))
+    for block in blocks_of(text, kind):
+        code = block.partition(";")[0].strip()
+        word = re.split("[ /]", code)[0]
+        if not code or word in _WITHOUT_EFFECT:
+            continue
+        if code.startswith("CYCL DEF 32") or word == "G62":
+            state["tolerance"] = code if code[:13] in ("CYCL DEF 32.0", code) else state.get("tolerance", "") + code
+        elif word in _BY_KEY:
+            state[_BY_KEY[word]] = code
+        elif word in ("RAPID", "FEDRAT"):
+            state["feed"] = code
+        elif code != "CYCL DEF 247 DATUM SETTING ~":
+            _motion(code, word, state, events, held, facts)
+    return events, held
+
+
+def _motion(
+    code: str, word: str, state: dict[str, str], events: Trace, held: set[object], facts: tuple[str, ...]
+) -> None:
+    """One line that moves, or whatever else it does."""
+    if feed := re.search(r" F(\d+)", code):
+        state["feed"] = feed[0]
+    if " M3" in code:
+        state["spindle"] = "M3"
+    if word in ("TOOL", "LOADTL") or re.match(r"T\d", word):
+        state["tool"], state["spindle"] = code, ""
+    retract = "M140" in code or word == "RETRCT"
+    rapid = "FMAX" in code or "G00" in code or state.get("feed") == "RAPID" or retract
+    at_feed = bool(_POSE.match(code)) and not rapid
+    holds = tuple((key, state.get(key, "")) for key in (_AT_FEED if at_feed else _ALWAYS))
+    if at_feed:
+        held.add(holds[:-1])
+    if state.get("feed") == "RAPID":
+        state["feed"] = ""
+    event = (re.sub(r" (?:F\d+|M3|R0)(?= |$)", "", code), rapid, holds, facts)
+    # The same again directly after itself moves nothing, and a tool that has just been changed is retracted.
+    changed = bool(events) and re.match(r"TOOL|LOADTL|T\d", str(events[-1][0])) is not None
+    if not (events and events[-1] == event) and not (retract and changed):
+        events.append(event)

@@ -28,7 +28,7 @@ from conflank_cli.tool import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 T1 = CATALOGUE["T1"]
-LONG, LOW, HIGH, DEEP = 30.0, 3.0, 20.0, 60.0
+LONG, LOW, HIGH, DEEP = 12.0, 3.0, 20.0, 60.0
 """The block in the CAD frame: y 0 .. LONG, z LOW .. HIGH, x 0 .. DEEP, mm."""
 POINTS = 300
 """Points on each design face: sweeps are exact, and what mutants cut they cut by far more than points are apart."""
@@ -59,6 +59,9 @@ STYLES = (
 MACHINES = ("ac-table", "bc-table", "head-table", "head-head", "nutating-head")
 
 
+NOTHING = CheckMesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32), np.zeros(0, dtype=np.int32))
+
+
 def _mesh() -> CheckMesh:
     """The four sides of the block beside the design faces."""
     x, y, z = (0.0, DEEP), (0.0, LONG), (LOW, HIGH)
@@ -83,10 +86,10 @@ def block_scene(extra: str = "") -> Scene:
 
 
 def _sweep(face: int) -> Sweep:
-    """The cone lies on a side and swings along it by 0.3 rad as it goes north."""
+    """The cone lies on a side and swings along it by 0.2 rad as it goes north."""
     outward = -1.0 if face == 0 else 1.0
     way = np.linspace(0.0, 1.0, 60)
-    lean, alpha = 0.3 * way - 0.15, T1.half_angle
+    lean, alpha = 0.2 * way - 0.1, T1.half_angle
     axis = np.stack(
         [np.full(60, outward * np.sin(alpha)), np.cos(alpha) * np.sin(lean), np.cos(alpha) * np.cos(lean)], axis=1
     )
@@ -100,7 +103,7 @@ def _pass() -> Pass:
     way = np.linspace(0.0, 1.0, 4)
     lean = 0.5 + 0.1 * way
     axis = np.stack([-np.sin(lean), np.zeros(4), np.cos(lean)], axis=1)
-    centre = np.stack([np.full(4, -T1.ball_radius), 5.0 + 20.0 * way, np.full(4, 10.0)], axis=1)
+    centre = np.stack([np.full(4, -T1.ball_radius), 2.0 + 8.0 * way, np.full(4, 10.0)], axis=1)
     return Pass(0, "T1", centre - T1.ball_radius * axis, axis)
 
 
