@@ -97,6 +97,10 @@ def _tools_of(program: Program, scene: Scene) -> tuple[list[Tool | None], list[F
             tools.append(drawer[0] if len(drawer) == 1 else None)
             continue
         size = stated[0]
+        if len(stated) > 1:
+            findings.append(
+                Finding("CF109", f"{label} is stated more than once in the header, and differently", call.block)
+            )
         if not (0.0 < size.r_min <= size.r_max and size.length > 0.0):
             findings.append(Finding("CF109", f"{label}: R_MIN, R_MAX and LENGTH make no cutter", call.block))
             tools.append(None)
@@ -179,9 +183,9 @@ def _by_machine(program: Program, machine: MachineModel) -> tuple[Program, list[
     # An axis that no word names stands at zero.
     for column, letter in enumerate(machine.letters):
         if letter in letters:
-            rotary[:, column] = moves.rotary[:, letters.index(letter)]
-    # So do all where nothing names any; elsewhere, with a vector, they stand wherever that wants them.
-    if letters or not np.all(moves.vector[by_vector] == [0.0, 0.0, 1.0]):
+            rotary[:, column] = np.nan_to_num(moves.rotary[:, letters.index(letter)])
+    # So do all where nothing turns any; elsewhere, with a vector, they stand wherever that wants them.
+    if named or not by_vector.all() or not np.all(moves.vector == [0.0, 0.0, 1.0]):
         rotary[by_vector] = np.nan
     return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary)), []
 
