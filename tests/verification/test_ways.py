@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conflank_cli.commands.tables import judgement
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.job import Machine
+from conflank_cli.job import Copies, Machine
 from conflank_cli.posting.program import post_program
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE
@@ -97,6 +97,15 @@ def test_what_stands_on_the_table_is_as_high_as_it_is_in_the_programs_frame() ->
     assert standing.height(np.array([0.0, 0.0, 1.0])) == pytest.approx(12.0)
     assert standing.height(np.array([0.0, 1.0, 0.0])) == pytest.approx(20.0)
     assert standing.height(np.array([0.0, 0.0, -1.0])) == pytest.approx(3.0)
+
+
+def test_copies_stand_on_the_table_whether_they_are_cut_or_not() -> None:
+    """A plate from x = 30 to 50, and the same a third of a turn on and another third on."""
+    scene = pattern_scene(Copies((0.0, 0.0, 1.0), 3, (0,)))
+    standing = Standing.of(scene, pose_program(program([]), scene).poses.frame)
+    for k in range(3):
+        angle = radians(120.0 * k)
+        assert standing.height(np.array([cos(angle), sin(angle), 0.0])) == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(("height", "proven"), [(12.5, True), (11.5, False)])
