@@ -380,6 +380,12 @@ class Control:
             recorder.feed = nan
         elif words.feed is not None and words.feed != "MAX":
             self.set_feed(words.feed, block)
+        if (
+            words.cap is not None
+            and words.cap != "MAX"
+            and not 0.0 < (self.parameters.value(words.cap) or 0.0) <= MOST_FEED
+        ):
+            recorder.find("CF115", f"M128 F{words.cap[:20]}: no feed that the axes could follow the tool at", block)
         if words.side is not None and words.side != self.side:
             self.side = words.side
             recorder.set(recorder.sides, words.side, block)

@@ -130,10 +130,7 @@ class _Block:
         elif kind == "function":
             words.functions = (*words.functions, int(found["function"][:6]))
         elif kind == "feed":
-            # F after M128 caps the compensating movement; it is not the cutting feed.
-            if words.functions[-1:] != (128,):
-                self._once(words.feed is not None, "F")
-                words.feed = found["feed"]
+            words.take_feed(found["feed"])
         elif kind == "variant":
             words.variant = found["variant"]
         elif kind == "back":

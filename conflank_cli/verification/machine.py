@@ -45,6 +45,9 @@ _UPRIGHT = 1e-7
 """Sine of the angle to the first axis below which its position is not told by the tool axis: the last digit of a
 vector that is written with seven decimals."""
 
+_AHEAD = 4096
+"""Poses that are looked at in one go."""
+
 OWN_FUNCTIONS = frozenset({*range(7), 8, 9, 13, 14, 30, *range(89, 151), *range(197, 205)})
 """M functions whose meaning the control itself lays down; no machine file can call one of them harmless."""
 
@@ -261,22 +264,34 @@ class MachineModel:
         where an axis is out of reach.
         """
         both = self.positions(axis)
-        result = np.empty((len(axis), 2))
+        result = np.full((len(axis), 2), nan)
         last = np.asarray(start, dtype=np.float64)
-        low, high = (np.array([getattr(each, name) for each in self.rotary]) for name in ("low", "high"))
-        for row in range(len(axis)):
-            choice = both[:, row]
-            if np.isnan(choice[:, 1]).all():
-                result[row:] = nan
-                break
+        row = 0
+        while row < len(axis):
             # Any position of the first axis will do where the tool points along it: it stays.
-            choice = np.where(np.isnan(choice), last, choice)
+            choice = np.where(np.isnan(both[:, row]), last, both[:, row])
+            if np.isnan(both[:, row, 1]).all():
+                break
             choice = last + _half_turn(choice - last)
-            outside = ((choice < low - _UPRIGHT) | (choice > high + _UPRIGHT)).any(axis=1)
-            way = np.abs(choice - last).sum(axis=1) + np.where(outside, 10.0 * pi, 0.0)
-            last = choice[int(way.argmin())]
-            result[row] = last
+            way = np.abs(choice - last).sum(axis=1) + np.where(self._inside(choice), 0.0, 10.0 * pi)
+            branch = int(way.argmin())
+            result[row] = choice[branch]
+            # As long as this solution stays the nearer one, it is taken in one go.
+            ahead = both[:, row : row + _AHEAD]
+            step = _half_turn(np.diff(ahead[branch], axis=0))
+            change = _half_turn(ahead[1 - branch, 1:] - ahead[branch, :-1])
+            followed = choice[branch] + np.cumsum(step, axis=0)
+            stays = (np.abs(step).sum(axis=1) < np.abs(change).sum(axis=1)) & self._inside(followed)
+            count = int(np.argmin(np.append(stays, False)))
+            result[row + 1 : row + 1 + count] = followed[:count]
+            row += 1 + count
+            last = result[row - 1]
         return result
+
+    def _inside(self, rotary: Array) -> npt.NDArray[np.bool_]:
+        """Whether positions (N, 2), radians, are within the ranges of the axes, (N,)."""
+        low, high = (np.array([getattr(each, name) for each in self.rotary]) for name in ("low", "high"))
+        return np.asarray(((rotary >= low - _UPRIGHT) & (rotary <= high + _UPRIGHT)).all(axis=1))
 
 
 def _half_turn(angle: Array) -> Array:

@@ -269,16 +269,12 @@ class Recorder:
         self._note("machine 2" if second else "machine", words, rapid, block)
         self.unknown_moves += 1
         self._lose()
-        if not rapid:
-            self.find("CF105", "feed move in machine coordinates: its pose is not known", block)
         for letter in words:
             if letter in self._rotary:
                 self._rotary[letter] = None
                 self._vector = None
         if "Z" in words:
             self._retracted = True
-        elif not self._retracted:
-            self.find("CF105", "move in machine coordinates without a retract before it", block)
 
     def move(
         self,
@@ -440,6 +436,9 @@ class Recorder:
         self._note(kind, words, rapid, block)
         self._physical = None
         self.unknown_moves += 1
+        if kind == "turn":
+            # Where the machine is known it has a way; whether it has is judged with the machine's data.
+            return
         if not rapid:
             self.find("CF105", f"feed move: {text}", block)
         elif not self._retracted:
@@ -457,8 +456,6 @@ class Recorder:
 
     def _append(self, point: Vector, rotary: _Turn, axis: Vector, rapid: bool, block: int) -> None:
         joined = self._physical is not None
-        if not joined and not self._retracted:
-            self.find("CF105", "the way to the first pose is not known, and no retract comes before it", block)
         feed = nan if rapid else self.feed
         if not rapid and joined and feed != feed:
             self.find("CF112", "cutting move without a feed", block)

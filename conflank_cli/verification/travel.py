@@ -46,8 +46,8 @@ def _has(move: UnknownMove, letter: str) -> bool:
 def out_of_travel(machine: MachineModel, ways: Ways, tip: Array, zero: Array, lengths: Array) -> tuple[Finding, ...]:
     """A finding for each of X, Y and Z that would have to leave its travel, at the worst block.
 
-    Between two blocks the tip goes straight and the nose does not: the middle of each block counts as well. Ways off
-    the part are followed on the machine itself, where it is the other way round.
+    Between two blocks the tip goes straight and the nose does not: the middle of each block counts as well. On ways off
+    the part, which are followed on the machine itself, it is the other way round.
 
     Parameters
     ----------

@@ -120,7 +120,8 @@ class _State:
 
     retracted: fully, above everything. nose: where X, Y and Z may stand, machine coordinates, (3,) each; empty where
     that is not known. pose: the move at whose end the cutter still is, or -1. rotary: positions, NaN where not known.
-    call: the tool call in force. lost: whether nothing at all is known.
+    in_plane: whether the control has turned the axes as a tilted plane asks. call: the tool call in force. lost:
+    whether nothing at all is known.
     """
 
     rotary: Array
@@ -129,6 +130,7 @@ class _State:
     nose: list[Array] = field(default_factory=list)
     pose: int = -1
     lost: bool = False
+    in_plane: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +186,9 @@ class _Walk:
     def _state_before(self, move: int) -> _State:
         """At the end of the known pose before a move; at the beginning axes that are never named stand at zero."""
         if move == 0:
+            # Tool vectors move axes without naming them.
+            unknown = not np.isfinite(self.moves.rotary).all()
             named = self.mounted.named
-            unknown = self.mounted.no_machine
             start = [np.nan if unknown or letter in named else 0.0 for letter in self.machine.letters]
             return _State(np.array(start))
         state = _State(self.rotary[move - 1].copy(), int(self.moves.tool[move - 1]), pose=move - 1)
@@ -266,6 +269,8 @@ class _Walk:
             self._lose(state, move, f"{what} does not follow from the text", move.block)
         if move.kind not in ("tool", "limit", "machine"):
             self._set_rotary(state, move.words)
+        if move.kind == "turn":
+            state.in_plane = set(move.words.values()) == {None}
 
     def _across(self, move: UnknownMove, state: _State) -> None:
         """X and Y across the tool axis at an unknown height: as high as before where that axis is the machine's Z."""
@@ -524,11 +529,14 @@ class _Walk:
                 self._find(f"{_LOST}, and it does not start from a full retract", block, program)
             return
         tip, axis = self._tip(start)
-        up = self._up(state.rotary, axis)
-        if not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
+        ups = [self._up(state.rotary, axis)]
+        if state.in_plane and np.isnan(self.rotary[start]).any():
+            # The axes stand in one of the two ways that point the tool along its axis in the plane.
+            ups = [self._up(np.nan_to_num(rotary[0]), axis) for rotary in self.machine.positions(axis)]
+        elif not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
             self._find(f"{_LOST}: the rotary axes turn on the way down from the retract", block, program)
             return
-        lift = self._lift(self._tool(state), tip, axis, up)
+        lift = min(self._lift(self._tool(state), tip, axis, up) for up in ups)
         if not lift >= ABOVE:
             kind = "rapid" if rapid else "feed move"
             why = f"a {kind} from a full retract to a pose that is not above everything along the machine's Z"

@@ -54,6 +54,7 @@ class Words:
     vector, normal: components of the tool vector and of the surface normal by letter.
     radius, turn: R and DR of an arc; turn +1 counter-clockwise, -1 clockwise, 0 where none is given.
     feed: what follows F, or None; variant: a feed that is none per minute.
+    cap: F behind M128, which caps the compensating movement; it is not the cutting feed.
     side: R0, RL or RR.
     functions: M functions in their order; back: MB of M140.
     rest: what is no word; wrong: words that the control would refuse, and why.
@@ -68,11 +69,20 @@ class Words:
     turn: int = 0
     feed: str | None = None
     variant: str | None = None
+    cap: str | None = None
     side: str | None = None
     functions: tuple[int, ...] = ()
     back: str | None = None
     rest: str = ""
     wrong: list[str] = field(default_factory=list)
+
+    def take_feed(self, text: str) -> None:
+        """Take an F word."""
+        if self.functions[-1:] == (128,) and self.cap is None:
+            self.cap = text
+        else:
+            _once(self, "F", self.feed)
+            self.feed = text
 
     def coordinate(self, word: str, text: str, unit: float, value: Value) -> None:
         """Take a coordinate, a polar word or a component of a vector."""
@@ -122,10 +132,7 @@ def _take(words: Words, found: re.Match[str], unit: float, value: Value) -> None
     elif kind == "function":
         words.functions = (*words.functions, int(found["function"]))
     elif kind == "feed":
-        # F after M128 caps the compensating movement; it is not the cutting feed.
-        if words.functions[-1:] != (128,):
-            _once(words, "F", words.feed)
-            words.feed = found["feed"]
+        words.take_feed(found["feed"])
     elif kind == "variant":
         words.variant = found["variant"]
     elif kind == "side":

@@ -64,10 +64,10 @@ def triangles_of(*quads: Sequence[Sequence[float]], face: int = 9) -> CheckMesh:
     return CheckMesh(vertices, np.array(triangles, dtype=np.int32), np.full(len(triangles), face, dtype=np.int32))
 
 
-def header(tool: Tool = T1, frame: str = "CAD", reference: str = "TIP") -> list[str]:
+def header(tool: Tool = T1, frame: str = "CAD", reference: str = "TIP", face: int = 0) -> list[str]:
     return [
         "; CONFLANK 0.1.0",
-        "; PART part FACE 0",
+        f"; PART part FACE {face}",
         f"; TOOL {tool.number} {tool.name} R_MIN {tool.r_min} R_MAX {tool.r_max} LENGTH {tool.length}",
         f"; REFERENCE {reference}",
         "; MACHINE ac-table",

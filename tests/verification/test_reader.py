@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, radians, sin, sqrt
+from math import cos, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -192,9 +192,10 @@ def test_moves_in_machine_coordinates_are_noted_for_who_knows_the_machine() -> N
     ]
 
 
-def test_rotary_moves_without_a_retract_are_a_finding() -> None:
-    text = program([*KNOWN, "FUNCTION RESET TCPM", "L A+0 C+90 R0 FMAX"])
-    assert codes(text) == {"CF105"}
+def test_rotary_moves_are_noted_for_who_knows_the_machine() -> None:
+    read = read_program(program([*KNOWN, "FUNCTION RESET TCPM", "L A+0 C+90 R0 FMAX"]))
+    assert read.findings == ()
+    assert [(move.kind, move.words) for move in read.unknown][-1] == ("turn", {"A": 0.0, "C": pytest.approx(pi / 2)})
 
 
 def test_a_program_cut_off_is_a_finding() -> None:

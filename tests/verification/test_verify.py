@@ -50,7 +50,8 @@ def flank_program(height: float = 0.0, x: tuple[float, float] = (0.0, 40.0), lab
         [
             f"L {words} R0 FMAX M3",
             TCPM,
-            f"L X{x[0] - 10:+.4f} Y{tip[1]:+.9f} Z{tip[2] + 30:+.9f} {words} FMAX",
+            f"L X{x[0] - 10:+.4f} Y{tip[1] + 40:+.9f} Z{tip[2] + 30:+.9f} {words} FMAX",
+            f"L X{x[0] - 10:+.4f} Y{tip[1]:+.9f} Z{tip[2] + 30:+.9f} FMAX",
             f"L X{x[0]:+.4f} {place} {words} F500",
             f"; {label}",
             f"L X{x[1]:+.4f} F1000",
@@ -136,7 +137,9 @@ def test_chords_between_blocks_count() -> None:
     angles = np.linspace(-0.2, pi / 2 + 0.2, count)
     reach = radius + tool.r_min
     path = [f"L X{reach * cos(a):+.9f} Y+0 Z{reach * sin(a):+.9f} A-90 C+0 F500" for a in angles]
-    text = program(["L A-90 C+0 R0 FMAX", TCPM, "; SWEEP 1", *path, "; RETRACT 1", "L M140 MB MAX"], header(tool), tool)
+    above = path[0].replace("Y+0", "Y+40").replace("F500", "FMAX")
+    body = ["L A-90 C+0 R0 FMAX", TCPM, above, "; SWEEP 1", *path, "; RETRACT 1", "L M140 MB MAX"]
+    text = program(body, header(tool, face=4), tool)
     scene = scene_of(cylinder_face(radius, (5.0, 25.0)), tools=[tool], tolerance=Tolerance(0.05, 0.05))
     result = verify_program(text, scene, "", POINTS)
     step = angles[1] - angles[0]
@@ -191,9 +194,10 @@ def test_a_frame_on_the_table_changes_nothing() -> None:
     rotate, shift = (90.0, 20.0, -35.0), (12.0, -7.0, 30.0)
     turn = Rotation.from_euler("XYZ", rotate, degrees=True)
     _, tip, axis = lying_on_plane(T1)
-    tips = turn.apply(np.array([[0.0, 0.0, 30.0], [0.0, 0.0, 0.0], [40.0, 0.0, 0.0]]) + tip) + shift
+    tips = turn.apply(np.array([[0.0, 40.0, 30.0], [0.0, 0.0, 0.0], [40.0, 0.0, 0.0]]) + tip) + shift
     toward = turn.apply(axis)
-    a, c = np.degrees(np.arccos(toward[2])), np.degrees(np.arctan2(toward[0], -toward[1]))
+    # Of the two solutions the one with A below zero: the machine's A goes to 30 degrees only.
+    a, c = -np.degrees(np.arccos(toward[2])), np.degrees(np.arctan2(-toward[0], toward[1]))
     places = [f"L X{p[0]:+.9f} Y{p[1]:+.9f} Z{p[2]:+.9f} A{a:+.9f} C{c:+.9f} F500" for p in tips]
     frame = "ROTATE 90 20 -35 TRANSLATE 12 -7 30"
     body = [f"L A{a:+.9f} C{c:+.9f} FMAX", TCPM, places[0], places[1], "; SWEEP 1", places[2], "; RETRACT 1"]
@@ -211,8 +215,10 @@ def test_the_sphere_centre_as_reference() -> None:
     centre = tip + T1.ball_radius * axis
     tilt = lying_on_plane(T1)[0]
     where = f"Y{centre[1]:+.9f} Z{centre[2]:+.9f} A{tilt:+.9f} C+0"
-    body = [f"L A{tilt:+.9f} C+0 FMAX", TCPM, f"L X+0 {where} FMAX", "; SWEEP 1", f"L X+40 {where} F500", "; RETRACT 1"]
-    text = program([*body, "L M140 MB MAX"], header(reference="SPHERE CENTRE"))
+    above = where.replace(f"Y{centre[1]:+.9f}", f"Y{centre[1] + 40.0:+.9f}")
+    body = [f"L A{tilt:+.9f} C+0 FMAX", TCPM, f"L X+0 {above} FMAX", f"L X+0 {where} FMAX"]
+    body += ["; SWEEP 1", f"L X+40 {where} F500", "; RETRACT 1", "L M140 MB MAX"]
+    text = program(body, header(reference="SPHERE CENTRE"))
     result = verify_program(text, scene_of(FLANK), "", POINTS)
     assert result.findings == ()
     assert result.gap_um.mean_abs is not None and result.gap_um.mean_abs < 1e-3
@@ -270,7 +276,7 @@ def test_clearance_of_shank_and_holder() -> None:
     """A plate over the path: tools stand upright, so distances to it are those to cylinders."""
     tool = Tool("S", 1.0, 1.0, 10.0, (Section(4.0, 4.0, 20.0),), (Section(20.0, 20.0, 30.0),), number=3)
     shank = triangles_of([(0, 2.4, 15), (20, 2.4, 15), (20, 2.4, 20), (0, 2.4, 20)])
-    body = ["L X+0 Y+0 Z+0 R0 FMAX", "; SWEEP 1", "L X+20 F500", "; RETRACT 1", "L M140 MB50 FMAX"]
+    body = ["L X+0 Y+0 Z+60 R0 FMAX", "L Z+0 FMAX", "; SWEEP 1", "L X+20 F500", "; RETRACT 1", "L M140 MB50 FMAX"]
     scene = scene_of(plane_face((5.0, 15.0), (-0.05, 0.05)), tools=[tool], check=shank)
     result = verify_program(program(body, header(tool), tool), scene, "", POINTS)
     assert result.clearance_mm.shank.least == pytest.approx(0.4, abs=1e-6)
