@@ -233,7 +233,7 @@ class _Problem(NamedTuple):
             there = np.where(near, least, y)
             over = np.zeros(len(y), dtype=np.bool_)
             for order, (share, kept) in zip((2, 3, 3), self.stencils(there), strict=True):
-                too_much = (np.abs(share) + kept > 1.0).any(axis=0)
+                too_much = np.asarray((np.abs(share) + kept > 1.0).any(axis=0))
                 for k in range(order):
                     over[k : k + len(too_much)] |= too_much
             if not (over & near).any():
