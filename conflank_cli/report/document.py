@@ -28,9 +28,9 @@ from conflank_cli.report.tables import Cut, page_body
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification.axes import drive
+from conflank_cli.verification.evaluation import inside_rows
 from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.sampling import inside_rows
 
 Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import radians
 
 import numpy as np
@@ -17,9 +16,6 @@ from conflank_cli.verification.result import (
     Place,
     Pose,
     Triple,
-)
-from conflank_cli.verification.sampling import (
-    FaceSample,
 )
 from conflank_cli.verification.swept import SweptGap
 
@@ -109,20 +105,3 @@ def control_tolerance(program: Program, tools: list[Tool]) -> float | None:
         return None
     height = max(tool.length - tool.tip_height for tool in tools)
     return program.tolerance[0] + height * radians(program.tolerance[1])
-
-
-def largest_step(samples: Sequence[FaceSample], swept: SweptGap, covered: npt.NDArray[np.bool_]) -> float | None:
-    """Largest difference of the gap across the border of two patches, mm."""
-    if len(swept.by_cut) < 2:
-        return None
-    ruler = np.where(np.isfinite(swept.by_cut.min(axis=0)), swept.by_cut.argmin(axis=0), -1)
-    first = 0
-    steps = []
-    for sample in samples:
-        pairs = sample.neighbours + first
-        a, b = pairs[:, 0], pairs[:, 1]
-        border = (ruler[a] != ruler[b]) & (ruler[a] >= 0) & (ruler[b] >= 0) & covered[a] & covered[b]
-        steps.append(np.abs(swept.gap[a] - swept.gap[b])[border])
-        first += len(sample.points)
-    every = np.concatenate(steps)
-    return float(every.max()) if len(every) else None
