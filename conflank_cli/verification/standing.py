@@ -29,9 +29,9 @@ class Standing:
 
     @classmethod
     def of(cls, scene: Scene, frame: Frame) -> Standing:
-        """Design faces and what is around them, as often as there are copies, and obstacles."""
+        """Design faces, whole, and what is around them, as often as there are copies, and obstacles."""
         allowance = scene.job.tolerance.allowance
-        samples = [sample_face(face, SURFACE_POINTS) for face in scene.faces]
+        samples = [sample_face(face, SURFACE_POINTS) for face in (*scene.faces, *scene.rest)]
         part = [sample.points + allowance * sample.normals for sample in samples]
         part.append(_corners(scene, foreign=False))
         points = [from_cad(frame, _corners(scene, foreign=True), np.zeros((0, 3)))[0]]
