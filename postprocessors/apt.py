@@ -63,11 +63,16 @@ def _operation(operation: Operation, options: ProgramOptions) -> Iterator[str]:
     last: Stretch | None = None
     for stretch in operation.stretches:
         entering = last is None or last.cut != stretch.cut
-        entering |= last is not None and (last.purpose, stretch.purpose) == (Purpose.RETRACT, Purpose.APPROACH)
+        entering |= (
+            last is not None
+            and last.purpose in (Purpose.RETRACT, Purpose.UPRIGHT)
+            and stretch.purpose is Purpose.APPROACH
+        )
         entering &= last is None or stretch.purpose is not Purpose.LINK
         if entering and last is not None:
             yield "RETRCT"
-        yield f"PPRINT/{stretch.purpose.name} {stretch.cut}"
+        if stretch.purpose is not Purpose.UPRIGHT:
+            yield f"PPRINT/{stretch.purpose.name} {stretch.cut}"
         for number, (goto, feed) in enumerate(zip(_gotos(stretch), stretch.feed.tolist(), strict=True)):
             enters = entering and number == 0
             if goto == before and not enters:

@@ -23,6 +23,7 @@ class Purpose(Enum):
     APPROACH = "approach"
     RETRACT = "retract"
     LINK = "link"
+    UPRIGHT = "upright"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,8 @@ class Operation:
 
     A cut that has to be left on the way, so that a rotary axis can unwind, is several such visits with the same number.
     A LINK leads from the retract before it to the approach after it, whose cut's number it has, without a full retract.
+    On a machine whose head tilts the tool a RETRACT that ends a visit is followed by UPRIGHT: one pose, the tip at
+    rest, with the head axes at zero and the table axes as before, so that a retract along the tool axis is along Z.
     """
 
     cutter: Cutter
@@ -77,8 +80,9 @@ def visits(operation: Operation) -> list[tuple[Stretch, ...]]:
     found: list[list[Stretch]] = []
     for stretch in operation.stretches:
         last = found[-1][-1] if found else None
-        linked = stretch.purpose is Purpose.LINK
-        if last is None or ((last.purpose is Purpose.RETRACT or last.cut != stretch.cut) and not linked):
+        goes_on = stretch.purpose in (Purpose.LINK, Purpose.UPRIGHT)
+        left = last is None or last.purpose in (Purpose.RETRACT, Purpose.UPRIGHT) or last.cut != stretch.cut
+        if last is None or (left and not goes_on):
             found.append([])
         found[-1].append(stretch)
     return [tuple(stretches) for stretches in found]

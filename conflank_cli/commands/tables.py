@@ -148,7 +148,9 @@ def judgement(verification: Verification) -> str:
 def unknown_moves(verification: Verification) -> str:
     """How many moves of a program are not known."""
     count = verification.unknown_moves
-    return f"{count:,} {'move' if count == 1 else 'moves'} whose way does not follow from the text"
+    if count == 0:
+        return "no move"
+    return f"{count:,} {'move' if count == 1 else 'moves'} whose way is neither followed nor proven to be free"
 
 
 def judged_against(verification: Verification) -> list[tuple[str, str]]:

@@ -8,10 +8,12 @@ from math import asin
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
 
 from conflank_cli.geometry.collision import REACH, Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
+from conflank_cli.machine_frame import copy_rotation
 from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
@@ -20,6 +22,8 @@ Array = npt.NDArray[np.float64]
 
 AWAY_SAMPLES = 9
 """Places along a sweep where the direction away from the face is taken."""
+MOST_COPIES = 360
+"""Copies that stand for a pattern of more where its size is taken: it is short by 4e-5 of its radius at most."""
 HULL_SAMPLES = 65
 """Rows and columns of points that stand for a face when its size is taken; they also give its border."""
 LINK_SHARES = (1.0, 0.5, 0.25, 0.1)
@@ -227,8 +231,13 @@ def _along(link: Link) -> tuple[Array, Array]:
 
 
 def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:
-    """Points that stand for all geometry of the scene, CAD frame, (N, 3)."""
-    points = [scene.check.vertices.reshape(-1, 3)]
+    """Points whose convex hull holds all geometry of the scene, CAD frame, (N, 3).
+
+    The part in all its copies, whether they are cut or not, and the obstacles, which stay where they are.
+    """
+    foreign = np.zeros(len(scene.check.vertices), dtype=np.bool_)
+    foreign[scene.check.triangles[scene.check.face < 0]] = True
+    points = [scene.check.vertices[~foreign]]
     for face, projector in zip(scene.faces, projectors, strict=True):
         border = np.vstack(face.loops)
         u = np.linspace(border[:, 0].min(), border[:, 0].max(), HULL_SAMPLES)
@@ -236,4 +245,17 @@ def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
         places = np.vstack([border, grid])
         points.append(projector.evaluate(places[:, 0], places[:, 1])[:, 0])
-    return np.vstack(points)
+    part = _corners(np.vstack(points))
+    copies = scene.job.setup.copies
+    # Copies closer together than this leave no gap that matters between their hulls.
+    numbers = {*range(0, copies.count, max(1, copies.count // MOST_COPIES)), *copies.order}
+    turned = [part @ copy_rotation(copies, number).T for number in sorted(numbers)]
+    return _corners(np.vstack([*turned, scene.check.vertices[foreign]]))
+
+
+def _corners(points: Array) -> Array:
+    """Corners of the convex hull of points (N, 3); all of them where they lie in a plane."""
+    try:
+        return np.ascontiguousarray(points[ConvexHull(points).vertices])
+    except QhullError:
+        return points

@@ -20,8 +20,8 @@ from conflank_cli.geometry.collision import Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
-from conflank_cli.machine_frame import Frame, copy_rotation, machine_of
-from conflank_cli.posting.feeds import block_feeds
+from conflank_cli.machine_frame import Frame, machine_of
+from conflank_cli.posting.feeds import FedCut, as_printed, block_feeds
 from conflank_cli.posting.links import (
     LINK_CHECKS,
     Link,
@@ -34,6 +34,7 @@ from conflank_cli.posting.links import (
     near_links,
 )
 from conflank_cli.posting.mounting import axis_positions, mounting_of
+from conflank_cli.posting.overhead import Overhead
 from conflank_cli.posting.ride import PassRide, Ride
 from conflank_cli.posting.spacing import legs_of, planned_axes, space_blocks, words_of
 from conflank_cli.posting.summary import MachineRun, machine_run
@@ -41,6 +42,7 @@ from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Tool
 from postprocessors.errors import PostError
+from postprocessors.kinematics.linear_axes import has_head, up_in_part, upright_words
 from postprocessors.kinematics.timing import unwound
 from postprocessors.kinematics.two_rotary import (
     SWING_LIMIT,
@@ -57,6 +59,8 @@ from postprocessors.toolpath import Cutter, Operation, Purpose, Stretch, ToolPat
 
 Array = npt.NDArray[np.float64]
 
+UPRIGHT_SAMPLES = 33
+"""Places at which the tilt of the tool is taken while the head comes upright."""
 BLANK_RATIO = 150.0
 """Largest ratio of the blank's sides (the control refuses 200)."""
 
@@ -127,8 +131,7 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
     program = scene.job.program
     projectors = [Projector.of(face.surface) for face in scene.faces]
     copies = scene.job.setup.copies
-    standing = hull_points(scene, projectors)
-    hull = np.vstack([frame.turned(copy_rotation(copies, number)).points(standing) for number in copies.order])
+    hull = frame.points(hull_points(scene, projectors))
     low, high = hull.min(axis=0), hull.max(axis=0)
     centre = 0.5 * (low + high)
     radius = float(np.linalg.norm(hull - centre, axis=1).max())
@@ -156,7 +159,8 @@ def plan_to_toolpath(scene: Scene, sweeps: Sequence[Sweep], machine: Machine, pa
             away = away_directions(leg, projector, sense)
             pieces.append(_Piece(number, leg, material, away[0], away[-1]))
     plane = SafePlane(centre, radius + program.safe.clearance, program.safe.clearance)
-    stretches = _with_links(pieces, plane, screen, collider, machine, scene.job)
+    overhead = Overhead(hull, program.safe.clearance)
+    stretches = _with_links(pieces, plane, overhead, screen, collider, machine, scene.job)
     operations = tuple(
         Operation(_cutter(tool), tuple(stretch for _, visit in group for stretch in visit))
         for tool, group in groupby(
@@ -184,7 +188,13 @@ class _Piece:
 
 
 def _with_links(
-    pieces: Sequence[_Piece], plane: SafePlane, screen: Screen, collider: Collider, machine: Machine, job: Job
+    pieces: Sequence[_Piece],
+    plane: SafePlane,
+    overhead: Overhead,
+    screen: Screen,
+    collider: Collider,
+    machine: Machine,
+    job: Job,
 ) -> list[tuple[Stretch, ...]]:
     """Approach, cut and retract of each piece, after the link to it where there is one, with all feeds."""
     labels = [piece.label for piece in pieces]
@@ -205,17 +215,23 @@ def _with_links(
     tips = [np.vstack([a.tip, tip, b.tip]) for (tip, _), a, b in zip(poses, before, after, strict=True)]
     axes = [np.vstack([a.axis, axis, b.axis]) for (_, axis), a, b in zip(poses, before, after, strict=True)]
     words = words_of(machine, labels, axes, follows)
+    # At feed from beside the face to beside it again; the safe plane and links are passed by rapid.
+    fed = [
+        slice(1 if link is None else len(link.tip) - 1, len(tip) if go_on else len(tip) - 1)
+        for tip, link, go_on in zip(tips, links, followed, strict=True)
+    ]
+    cuts = [
+        _fed_cut(piece, tip, axis, turns, at, machine, job)
+        for piece, tip, axis, turns, at in zip(pieces, tips, axes, words, fed, strict=True)
+    ]
+    feeds = block_feeds(cuts, machine, job.program.feed)
     stretches = []
     for index, piece in enumerate(pieces):
-        ride, label, link = piece.ride, f"{piece.label} with its approach", links[index]
+        ride, link = piece.ride, links[index]
         tip, axis = tips[index], axes[index]
-        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, words[index])
-        # At feed from beside the face to beside it again; the safe plane and links are passed by rapid.
-        start = 1 if link is None else len(link.tip) - 1
-        first, last = len(before[index].tip), len(tip) - len(after[index].tip) - 1
-        at = slice(start, len(tip) if followed[index] else len(tip) - 1)
+        start, first, last = fed[index].start, len(before[index].tip), len(tip) - len(after[index].tip) - 1
         feed = np.zeros(len(tip))
-        feed[at] = block_feeds(tip[at], axis[at], positions[at], ride, machine, job.program.feed, label)
+        feed[fed[index]] = feeds[index]
         # Into the first pose of a stretch leads nothing; it has the feed of its first block.
         sweep_feed, back_feed = feed[first : last + 1].copy(), feed[last:].copy()
         sweep_feed[0], back_feed[0] = sweep_feed[1], back_feed[1]
@@ -223,17 +239,58 @@ def _with_links(
         if link is None:
             feed[1] = 0.0
         entry = slice(start if link else 0, first + 1)
-        stretches.append(
-            (
-                *opening,
-                Stretch(Purpose.APPROACH, piece.cut, tip[entry], axis[entry], feed[entry]),
-                Stretch(
-                    ride.purpose, piece.cut, tip[first : last + 1], axis[first : last + 1], sweep_feed, piece.material
-                ),
-                Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], back_feed),
-            )
+        visit = (
+            *opening,
+            Stretch(Purpose.APPROACH, piece.cut, tip[entry], axis[entry], feed[entry]),
+            Stretch(ride.purpose, piece.cut, tip[first : last + 1], axis[first : last + 1], sweep_feed, piece.material),
+            Stretch(Purpose.RETRACT, piece.cut, tip[last:], axis[last:], back_feed),
         )
+        if has_head(machine):
+            if link is None:
+                visit = _from_above(visit, words[index][0], ride.tool, overhead, machine, piece.label)
+            if not followed[index]:
+                visit = _to_above(visit, words[index][-1], ride.tool, overhead, machine, piece.label)
+        stretches.append(visit)
     return stretches
+
+
+def _from_above(
+    visit: tuple[Stretch, ...], words: Array, tool: Tool, overhead: Overhead, machine: Machine, label: str
+) -> tuple[Stretch, ...]:
+    """The same stretches, the first of which begins above the part with the axis and rotary words (2,) it has now."""
+    start, *rest = visit
+    (up,) = up_in_part(machine, words[None])
+    above = overhead.above(start.tip[0], start.axis[0], up, 0.0, tool, label)
+    if above is None:
+        return visit
+    tip, axis = np.vstack([above, start.tip]), np.vstack([start.axis[:1], start.axis])
+    return replace(start, tip=tip, axis=axis, feed=np.concatenate([[0.0], start.feed])), *rest
+
+
+def _to_above(
+    visit: tuple[Stretch, ...], words: Array, tool: Tool, overhead: Overhead, machine: Machine, label: str
+) -> tuple[Stretch, ...]:
+    """The stretches, and from the last pose, with words (2,), to above the part, where the spindle turns upright."""
+    *rest, end = visit
+    (up,) = up_in_part(machine, words[None])
+    upright = upright_words(machine, words[None])
+    ways = unwound(machine, np.vstack([words[None], upright]))
+    turning = forward(machine, ways[:1] + np.linspace(0.0, 1.0, UPRIGHT_SAMPLES)[:, None] * (ways[1:] - ways[:1]))
+    tilt = float(np.arccos(np.clip(turning @ up, -1.0, 1.0)).max())
+    above = overhead.above(end.tip[-1], end.axis[-1], up, tilt, tool, label)
+    if above is not None:
+        tip, axis = np.vstack([end.tip, above]), np.vstack([end.axis, end.axis[-1:]])
+        end = replace(end, tip=tip, axis=axis, feed=np.concatenate([end.feed, [0.0]]))
+    return *rest, end, Stretch(Purpose.UPRIGHT, end.cut, end.tip[-1:], forward(machine, upright), np.zeros(1))
+
+
+def _fed_cut(piece: _Piece, tip: Array, axis: Array, words: Array, at: slice, machine: Machine, job: Job) -> FedCut:
+    """What is run at feed, as it is printed: the poses `at` of a piece with its ways."""
+    datum = job.program.datum
+    tip = as_printed(tip[at], np.zeros(3) if isinstance(datum, int) else np.asarray(datum, dtype=np.float64))
+    words = as_printed(words[at], np.zeros(2))
+    positions = axis_positions(machine, mounting_of(job), piece.ride.tool.name, tip, words)
+    return FedCut(tip, axis[at], positions, piece.ride, f"{piece.label} with its approach")
 
 
 def _before(way: Link, link: Link | None) -> Link:

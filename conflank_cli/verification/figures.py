@@ -26,10 +26,6 @@ from conflank_cli.verification.swept import SweptGap
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-RAPID_RATE = 20_000.0
-"""Assumed rate of rapids, mm/min; a program does not state it, and the time is no finding."""
-
-
 ROUNDING = 1e-7
 """Slack of a limit for floating-point noise, mm."""
 
@@ -62,17 +58,6 @@ def place_of(poses: Poses, point: Array, face: int, move: int, share: float) -> 
         Pose(triple(np.round(tips[0], 6)), triple(np.round(axes[0], 9))),
         poses.moves.program(move),
     )
-
-
-def move_times(poses: Poses) -> Array:
-    """Seconds each move takes, (N,): way of the programmed point over feed, rapids at the assumed rate."""
-    moves = poses.moves
-    if len(moves.block) == 0:
-        return np.zeros(0)
-    way = np.linalg.norm(np.diff(moves.point, axis=0, prepend=moves.point[:1]), axis=1)
-    rate = np.where(moves.rapid, RAPID_RATE, moves.feed)
-    known = moves.joined & np.isfinite(rate) & (rate > 0.0)
-    return np.where(known, 60.0 * way / np.where(known, rate, 1.0), 0.0)
 
 
 def contact_length(poses: Poses, moves: Integers) -> float:

@@ -12,16 +12,15 @@ from conflank_cli.cores import threads
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
+from conflank_cli.verification.axes import Driven, contact_feeds, drive, labelled_cuts
 from conflank_cli.verification.clearance import clearances_of, no_clearances
 from conflank_cli.verification.contact import in_contact
 from conflank_cli.verification.figures import (
-    RAPID_RATE,
     ROUNDING,
     contact_length,
     control_tolerance,
     largest_step,
     micrometres,
-    move_times,
     place_of,
     worst_gouges,
 )
@@ -47,6 +46,9 @@ from conflank_cli.verification.swept import moves_by_cut, swept_gap
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+
+WITHIN_MOVE = 0.01
+"""A move that has a point of the face nearest to it farther than this share from both of its ends cuts there."""
 
 _COARSE_POINTS = 2000
 """Points of a face by which it is told which copy of it a cut is for, about."""
@@ -81,13 +83,15 @@ def verify_program(
     posed = pose_program(text, scene, called)
     program, tools, findings = posed.program, list(posed.tools), list(posed.findings)
     digest = _digest(text)
+    driven = drive(posed, scene)
+    findings += driven.findings
     copies = scene.job.setup.copies
     if copies.order == (0,):
-        return _judge(program, posed.poses, tools, scene, findings, name, digest, points_per_face)
+        return _judge(program, posed.poses, tools, scene, findings, driven, name, digest, points_per_face)
     surface = np.concatenate([sample_face(face, _COARSE_POINTS).points for face in scene.faces])
     owned = pattern.moves_by_copy(list(posed.by_copy), tools, surface)
     each = [
-        _judge(program, poses, tools, pattern.around(scene, turn), [], name, digest, points_per_face, own)
+        _judge(program, poses, tools, pattern.around(scene, turn), [], driven, name, digest, points_per_face, own)
         for poses, turn, own in zip(posed.by_copy, pattern.turns(copies), owned, strict=True)
     ]
     return pattern.joined(each, copies, findings)
@@ -99,6 +103,7 @@ def _judge(
     tools: list[Tool | None],
     scene: Scene,
     findings: list[Finding],
+    driven: Driven,
     name: str,
     digest: str,
     points_per_face: int,
@@ -161,7 +166,13 @@ def _judge(
     if next_to is not None and next_to[0] > overcut:
         overcut, overcut_at = next_to
     absolute = np.abs(gap[covered & (area > 0.0)])
-    times = move_times(poses)
+    times = driven.seconds
+    cutting = np.zeros(len(moves.block), dtype=np.bool_)
+    # A retract leaves the face at its start, and an approach comes to it at its end: they do not cut there.
+    inside = (swept.share > WITHIN_MOVE) & (swept.share < 1.0 - WITHIN_MOVE)
+    cutting[swept.move[covered & inside & (swept.move >= 0)]] = True
+    labelled = labelled_cuts(program) if owned is None else labelled_cuts(program) & owned
+    findings += contact_feeds(poses, program, tools, scene, cutting, labelled, driven.load)
     sweeps: list[CutFigures] = []
     passes: list[CutFigures] = []
     for index, label in enumerate(program.cuts):
@@ -195,7 +206,7 @@ def _judge(
             "tools": ", ".join(sorted({tool.name for tool in used})),
             "frame": "header" if program.header.frame is not None else "job",
             "reference": program.header.reference or "TIP",
-            "rapid_rate_mm_min": RAPID_RATE,
+            "machine": scene.job.machine.name,
             "retract_checked_mm": RETRACT_CHECKED,
             "points": float(len(surface)),
         },

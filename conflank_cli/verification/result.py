@@ -184,7 +184,7 @@ class Verification(Struct, frozen=True, forbid_unknown_fields=True):
     schema, schema_version: what this file is.
     program, program_sha256: name of the file and hash of its text.
     against: what it was judged against: part, obstacles, job, machine, limits.
-    judged: how it was judged: tools, frame, interpolation, assumed rapid rate and checked length of retracts.
+    judged: how it was judged: tools, frame, interpolation, machine and checked length of retracts.
     coverage, coverage_flank: covered share of the trimmed faces, by everything and without the passes.
     overcut_max_um, overcut_max_at: deepest overcut into the design faces or the faces next to them (0: none).
     stock_max_um, stock_max_at: most stock left anywhere on the design faces; None where no pose is known.
@@ -194,10 +194,10 @@ class Verification(Struct, frozen=True, forbid_unknown_fields=True):
     faces, sweeps, passes: the same by face and by cut. Of several copies the figures of a cut are those on the copy it
         covers most of, `gap_um` has the largest p99 of them, and points are where they are on that copy.
     clearance_mm: by component.
-    time_s: length over feed; rapids at the assumed rate.
+    time_s: of all moves whose way is known, with the speeds and accelerations of the job's machine.
     control_tolerance_um: T + h TA of the control's tolerance cycle, which comes on top at the machine; None where the
         program does not set it.
-    unknown_moves: moves after a retract, whose poses the text does not tell (positioning off the part).
+    unknown_moves: moves whose way is neither told by the text, nor followed on the machine, nor proven to be free.
     findings: what is wrong; empty for a program that may run.
     called_sha256: hash of each program that it calls, by name of file; they are judged with it.
     """

@@ -109,8 +109,13 @@ class Conversational(Dialect):
 
     def poses(self, ride: Ride) -> list[str]:
         """L with rotary words or LN with vectors."""
-        kind, words = ("LN", vector_words(ride)) if self.vectors else ("L", rotary_words(ride))
-        return [f"{kind} {word}" for word in words]
+        if not self.vectors:
+            return [f"L {words}" for words in rotary_words(ride)]
+        poses = [f"LN {words}" for words in vector_words(ride)]
+        if ride.upright:
+            # A vector along Z would leave it to the control where the first rotary axis goes.
+            poses[-1] = f"L {rotary_words(ride)[-1]}"
+        return poses
 
     def first(self, pose: str) -> str:
         """At rapid, without compensation."""

@@ -2,10 +2,14 @@
 
 A tool is called and the control brought to a known state (no tool centre point control, no tilted plane, datum,
 tolerance) before anything moves; every positioning of the rotary axes happens fully retracted and without tool centre
-point control; that is on exactly from there to the end of the retract along the tool axis. The first move under it goes
-by rapid from the retracted position to the start of the approach; both ends lie above the plane through that start
-across the tool axis, and so does the straight line between them. No X Y positioning precedes it: without tool centre
+point control; that is on exactly from there to the last pose of the retract. The first move under it goes by rapid from
+the retracted position to the first pose of the path, where the whole tool is above the part along machine Z, as it is
+at the limit: so it is on all of the straight line between them. No X Y positioning precedes it: without tool centre
 point control, X and Y would not mean part coordinates once a table has turned.
+
+On a machine with a head axis the spindle is turned upright before every retract, above the part and under tool centre
+point control, so that the retract along the tool axis is one along machine Z. How the head stands at the start of a
+program is not known: the tool is retracted as it is, turned upright, and retracted again.
 """
 
 from __future__ import annotations
@@ -152,7 +156,7 @@ def _program(
     """One program; one that is `called` does not end the one that calls it."""
     blocks = [*dialect.opening(path), *_facts(path, machine, options)]
     for index, (cutter, rides) in enumerate(work):
-        blocks += _tool(cutter, machine, options, dialect, first=index == 0)
+        blocks += _tool(cutter, rides[0], machine, options, dialect, first=index == 0)
         for number, ride in enumerate(rides):
             blocks += _ride(ride, machine, options, dialect, first=number == 0)
         if options.coolant != "none":
@@ -180,7 +184,10 @@ def _text(blocks: list[str], options: ProgramOptions, dialect: Dialect) -> str:
     return "\r\n".join(lines) + "\r\n"
 
 
-def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
+def _tool(
+    cutter: Cutter, ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool
+) -> Iterator[str]:
+    """The tool, and the control in a known state; `first` of the program: nothing is known yet. `ride` comes next."""
     yield dialect.tool_call(cutter)
     yield dialect.off
     yield "PLANE RESET STAY"
@@ -191,21 +198,26 @@ def _tool(cutter: Cutter, machine: Machine, options: ProgramOptions, dialect: Di
     if first:
         # M126 takes the shorter way where a display is reduced to 0 .. 360; counted turns must be taken as written.
         yield "M126" if any(rotary.output == "modulo" for rotary in machine.rotary) else "M127"
+        upright = ride.begins_upright(machine)
+        if upright is not None and machine.retract_z_mm is None:
+            # How the head stood is not known; with the spindle upright the way to the limit is certain.
+            yield dialect.turn(_turn_words(ride, *upright), start=False)
+            yield dialect.retract(machine)
 
 
 def _ride(ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialect, first: bool) -> Iterator[str]:
     """From the retracted position and back to it."""
     poses = dialect.poses(ride)
     yield from dialect.structure([stretch for stretch in ride.stretches if stretch.cut == ride.stretches[0].cut])
-    a, c = ride.turns[0]
-    yield dialect.turn(f"{ride.letters[0]}{a:+.{DECIMALS}f} {ride.letters[1]}{c:+.{DECIMALS}f}", start=first)
+    yield dialect.turn(_turn_words(ride, *ride.turns[0]), start=first)
     yield dialect.on
     number, modal, side = 0, -1, "R0"
     sides = _sides(ride) if own_option(dialect.post, options, "radius", "off", "on") == "on" else {}
     for stretch in ride.stretches:
         if stretch.purpose is Purpose.LINK:
             yield from dialect.structure([other for other in ride.stretches if other.cut == stretch.cut])
-        yield f"; {stretch.purpose.name} {stretch.cut}"
+        if stretch.purpose is not Purpose.UPRIGHT:
+            yield f"; {stretch.purpose.name} {stretch.cut}"
         for _ in range(len(stretch.tip)):
             feed, pose = ride.feed[number], poses[number]
             if number == 0:
@@ -228,6 +240,10 @@ def _ride(ride: Ride, machine: Machine, options: ProgramOptions, dialect: Dialec
         raise PostError("[program] options.radius", found, "a retract after each sweep", "Leave the option off.")
     yield dialect.off
     yield dialect.retract(machine)
+
+
+def _turn_words(ride: Ride, first: float, second: float) -> str:
+    return f"{ride.letters[0]}{first:+.{DECIMALS}f} {ride.letters[1]}{second:+.{DECIMALS}f}"
 
 
 def _sides(ride: Ride) -> dict[int, str]:

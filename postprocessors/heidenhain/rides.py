@@ -19,8 +19,8 @@ from postprocessors.heidenhain.control import (
     VECTOR_DECIMALS,
     check_swing,
 )
-from postprocessors.kinematics.two_rotary import Run, choose_words
-from postprocessors.kinematics.visits import visit_axes, visit_label
+from postprocessors.kinematics.linear_axes import has_head, upright_words
+from postprocessors.kinematics.visits import ends_upright, visit_axes, visit_label, visit_run, words_of_visits
 from postprocessors.machines.machine import Machine
 from postprocessors.path_checks import check_coordinates
 from postprocessors.post import ProgramOptions
@@ -50,23 +50,39 @@ class Ride:
     axis: Array
     feed: list[int]
 
+    @property
+    def upright(self) -> bool:
+        """Whether the last pose is that in which the spindle stands upright."""
+        return ends_upright(self.stretches)
+
+    def begins_upright(self, machine: Machine) -> tuple[float, float] | None:
+        """Rotary words, in the order of the letters: those of the first pose with head axes at 0; None without any."""
+        if not has_head(machine):
+            return None
+        order = [self.letters.index(rotary.letter) for rotary in machine.rotary]
+        words = upright_words(machine, self.turns[:1, order])[0]
+        first, second = (float(words[order.index(column)]) for column in range(2))
+        return first, second
+
 
 def rides_of(path: ToolPath, machine: Machine, options: ProgramOptions) -> list[list[Ride]]:
     """The rides of every operation, with rotary words chosen over the whole program."""
     groups = [visits(operation) for operation in path.operations]
-    runs = [Run(visit_label(stretches), visit_axes(stretches)) for group in groups for stretches in group]
-    words = choose_words(machine, runs)
-    for run, chosen in zip(runs, words, strict=True):
-        check_swing(machine, run, chosen)
-    remaining = iter(zip(runs, words, strict=True))
+    every = [stretches for group in groups for stretches in group]
+    words = words_of_visits(machine, every)
+    for stretches, chosen in zip(every, words, strict=True):
+        run = visit_run(stretches)
+        # Where the head goes upright either way between the two poses will do.
+        check_swing(machine, run, chosen[: len(run.axis)])
+    remaining = iter(words)
     shift = np.zeros(3) if isinstance(options.datum, int) else np.array(options.datum, dtype=np.float64)
-    return [[_ride(stretches, *next(remaining), machine, shift) for stretches in group] for group in groups]
+    return [[_ride(stretches, next(remaining), machine, shift) for stretches in group] for group in groups]
 
 
-def _ride(stretches: tuple[Stretch, ...], run: Run, words: Array, machine: Machine, shift: Array) -> Ride:
+def _ride(stretches: tuple[Stretch, ...], words: Array, machine: Machine, shift: Array) -> Ride:
     tip = np.concatenate([stretch.tip for stretch in stretches]) - shift
     feed = np.concatenate([stretch.feed for stretch in stretches])
-    check_coordinates(run.label, tip, COORDINATE_LIMIT)
+    check_coordinates(visit_label(stretches), tip, COORDINATE_LIMIT)
     letters = [rotary.letter for rotary in machine.rotary]
     order = sorted(range(2), key=lambda column: letters[column])
     return Ride(
@@ -75,7 +91,7 @@ def _ride(stretches: tuple[Stretch, ...], run: Run, words: Array, machine: Machi
         turns=_printed_words(words, machine)[:, order],
         # Adding zero turns -0 into +0.
         tip=np.round(tip, DECIMALS) + 0.0,
-        axis=_printed_vectors(run.axis),
+        axis=_printed_vectors(visit_axes(stretches)),
         feed=_printed_feeds(feed, machine),
     )
 

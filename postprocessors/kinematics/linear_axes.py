@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from postprocessors.machines.machine import Machine
+from postprocessors.errors import PostError
+from postprocessors.machines.machine import PARALLEL_SINE, Machine
 
 Array = npt.NDArray[np.float64]
 
@@ -57,6 +58,44 @@ def nose_positions(machine: Machine, tip: Array, words: Array) -> NosePositions:
             offset = pivot + np.einsum("nij,nj->ni", turn, offset - pivot)
             by_length = np.einsum("nij,nj->ni", turn, by_length)
     return NosePositions(np.asarray(point - offset), np.asarray(by_zero), np.asarray(-by_length))
+
+
+def up_in_part(machine: Machine, words: Array) -> Array:
+    """Machine +Z as the part on the table sees it at rotary words (N, 2) in degrees: unit vectors (N, 3).
+
+    The tool axis differs from it by what the head axes tilt the tool.
+    """
+    return np.ascontiguousarray(nose_positions(machine, np.zeros((len(words), 3)), words).by_zero[:, 2, :])
+
+
+def has_head(machine: Machine) -> bool:
+    """Whether a head axis tilts the spindle off machine Z."""
+    # The second axis always tilts it, and where only one axis is in the head it is that one.
+    return any(rotary.carried_by == "head" for rotary in machine.rotary)
+
+
+def upright_words(machine: Machine, words: Array) -> Array:
+    """Rotary words (N, 2) that bring the spindle to machine Z from others, degrees: head axes to 0, table axes stay.
+
+    A head axis next to the machine that runs along Z does not tilt the spindle; it stays as well.
+
+    Raises
+    ------
+    PostError: a head axis that tilts the spindle has no 0 in its range.
+    """
+    words = words.copy()
+    for column, rotary in enumerate(machine.rotary):
+        if rotary.carried_by == "table" or (column == 0 and float(np.hypot(*rotary.direction[:2])) < PARALLEL_SINE):
+            continue
+        if rotary.range_deg is not None and not rotary.range_deg[0] <= 0.0 <= rotary.range_deg[1]:
+            raise PostError(
+                f"{machine.name}: rotary {rotary.letter} range_deg",
+                f"{list(rotary.range_deg)}",
+                "0 within the range of a head axis: the tool is retracted with the spindle upright",
+                "Correct the machine file, or choose another machine.",
+            )
+        words[:, column] = 0.0
+    return words
 
 
 def rotation(direction: Array, angle: Array) -> Array:

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from conflank_cli.ball_pass import Pass
 from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.posting import plan_to_toolpath, post_program, summarize
-from conflank_cli.posting.links import Link
+from conflank_cli.posting.links import Link, hull_points
 from conflank_cli.posting.program import _by_rotary_axes
 from conflank_cli.tool import CATALOGUE
 from conflank_cli.verification.kinematics import CAD_FRAME
@@ -121,3 +122,16 @@ def test_a_link_that_swings_out_of_range_is_none(most: float, through: bool) -> 
     link = Link(np.arange(5.0)[:, None] * np.array([1.0, 0.0, 0.0]), axis)
     run = Run("sweep 2", np.vstack([axis[:1], link.axis, axis[-1:]]))
     assert (_by_rotary_axes(AC, run, link, 1) is not None) == through
+
+
+def test_the_size_of_everything_counts_all_copies_and_obstacles_where_they_stand() -> None:
+    """Of three copies of a wall only one is cut; a post stays where it is, however the part is turned."""
+    scene = scene_of("[setup]\ncopies = {axis = [0, 0, 1], count = 3, only = [1]}\n")
+    post = np.array([[200.0, 0.0, 0.0], [200.0, 0.0, 90.0], [201.0, 0.0, 0.0]])
+    mesh = CheckMesh(post, np.array([[0, 1, 2]], dtype=np.int32), np.array([-1], dtype=np.int32))
+    found = hull_points(scene.checking(mesh), [Projector.of(face.surface) for face in scene.faces])
+    wall = np.array([[0.0, y, z] for y in (0.0, 60.0) for z in (0.0, 30.0)])
+    turned = [Rotation.from_euler("z", angle, degrees=True).apply(wall) for angle in (0.0, 120.0, 240.0)]
+    wanted = np.vstack([*turned, post])
+    for direction in np.random.default_rng(3).normal(size=(200, 3)):
+        assert (found @ direction).max() == pytest.approx((wanted @ direction).max(), abs=1e-9)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from conflank_cli.verification.kinematics import CAD_FRAME
 from conflank_cli.verification.poses import poses_on_part
 from conflank_cli.verification.reader import read_program
+from postprocessors.errors import PostError
 from postprocessors.machines import machine as machines
 from postprocessors.machines.machine import Machine, load_machine, parse_machine, shipped_machines
 from postprocessors.post import ProgramOptions, post_named
@@ -65,8 +66,14 @@ def machine_named(name: str) -> Machine:
     return parse_machine(text, f"{name}.toml")
 
 
-def small_path(with_pass: bool) -> ToolPath:
-    """A sweep of three poses that swings and, linked to it, a pass of two; at least 20 degrees off upright."""
+HEADS = ("head-table", "head-head", "nutating-head")
+
+
+def small_path(with_pass: bool, with_head: bool) -> ToolPath:
+    """A sweep of three poses that swings and, linked to it, a pass of two; at least 20 degrees off upright.
+
+    `with_head`: at the end the spindle comes upright; all these machines then have their C along Z.
+    """
 
     def axes(*angles: tuple[float, float]) -> np.ndarray:
         tilt, azimuth = np.radians(np.array(angles)).T
@@ -91,6 +98,9 @@ def small_path(with_pass: bool) -> ToolPath:
         after = ways(2, Purpose.PASS, *ball, low=True, high=False)
         tip = np.vstack([stretches[-1].tip[-1:], after[0].tip[:1]])
         stretches += [Stretch(Purpose.LINK, 2, tip, np.repeat(ball[1][:1], 2, axis=0), np.zeros(2)), *after]
+    if with_head:
+        top = stretches[-1].tip[-1:]
+        stretches.append(Stretch(Purpose.UPRIGHT, 1, top, np.array([[0.0, 0.0, 1.0]]), np.zeros(1)))
     return ToolPath(
         "GOLDEN", "tiny", (0,), "CAD", (-5.0, -5.0, -10.0), (10.0, 5.0, 0.0), (Operation(T1, tuple(stretches)),)
     )
@@ -120,7 +130,7 @@ def test_every_shipped_machine_has_golden_programs() -> None:
 @pytest.mark.parametrize("name", AXES)
 @pytest.mark.parametrize(("kind", "style"), STYLES)
 def test_golden_program_of_the_machine(name: str, kind: str, style: str) -> None:
-    path = small_path(with_pass=name == "ac-table")
+    path = small_path(with_pass=name == "ac-table", with_head=name in HEADS)
     post = post_named(kind)
     text = post.write(path, machine_named(name), ProgramOptions("0.1.0", style=style))[0].text
     golden = GOLDEN / f"{name}.{style}{post.suffix}"
@@ -152,3 +162,10 @@ def test_golden_program_of_the_machine(name: str, kind: str, style: str) -> None
     np.testing.assert_allclose(poses.axis[known], wanted[:, 3:], atol=1.3e-6)
     labels = [(cut.kind, cut.number) for cut in read.cuts]
     assert labels == [("sweep", 1), ("pass", 2)][: len(labels)] and len(labels) == (2 if name == "ac-table" else 1)
+
+
+def test_an_upright_pose_for_another_machine_is_refused() -> None:
+    """A path whose spindle stands upright along Z, on a machine whose table would have to be at 0 for that."""
+    path = small_path(with_pass=False, with_head=True)
+    with pytest.raises(PostError, match="one pose with the head axes of ac-table at 0"):
+        post_named("h").write(path, load_machine("ac-table"), ProgramOptions("0.1.0"))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conflank_cli.commands.tables import judgement
 from conflank_cli.geometry.face import CheckMesh
 from conflank_cli.job import Machine
 from conflank_cli.posting.program import post_program
@@ -196,6 +197,11 @@ def test_a_retract_goes_on_until_it_is_above_everything() -> None:
     assert result.poses.tip[-1] == pytest.approx([-30.0, 0.0, 301.0])
     low = posed(["L X-30 Y+0 Z+301 R0 FMAX", "L Z+200 FMAX", "L M140 MB MAX"], scene)
     assert low.poses.tip[-1] == pytest.approx([-30.0, 0.0, 400.0])
+
+
+def test_the_number_of_unknown_moves_is_printed() -> None:
+    for body, line in ((IN, "no move"), ([*IN, "FUNCTION RESET TCPM", *IN], "1 move whose way is neither")):
+        assert f"unknown       {line}" in judgement(verify_program(program(body), on(), "", 500))
 
 
 # --- a tilted head --------------------------------------------------------------------------------------------------

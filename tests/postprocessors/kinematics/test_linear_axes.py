@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from benchmarks.simulated_machine import on_the_part
-from postprocessors.kinematics.linear_axes import nose_positions
-from postprocessors.kinematics.two_rotary import inverse
+from postprocessors.errors import PostError
+from postprocessors.kinematics.linear_axes import has_head, nose_positions, up_in_part, upright_words
+from postprocessors.kinematics.two_rotary import forward, inverse
 from postprocessors.machines.machine import Machine, load_machine
 from tests.postprocessors.kinematics.test_two_rotary import directions, make, units
 
@@ -67,3 +68,34 @@ def test_table_table_follows_the_formula_of_the_manuals() -> None:
 def test_upright_head_stands_above_the_tip() -> None:
     nose = nose_positions(load_machine("head-head"), np.array([[1.0, 2.0, 3.0]]), np.array([[77.0, 0.0]]))
     np.testing.assert_allclose(nose.at(np.zeros(3), 100.0), [[1.0, 2.0, 103.0]], atol=1e-10)
+
+
+def test_up_is_the_spindle_direction_of_a_head_at_zero() -> None:
+    """C and A by SciPy: under a table they carry the part, in a head they leave it where it is."""
+    words = np.array([[30.0, -50.0], [200.0, 20.0]])
+    turn = Rotation.from_euler("z", words[:, [0]], degrees=True) * Rotation.from_euler("x", words[:, [1]], degrees=True)
+    np.testing.assert_allclose(up_in_part(load_machine("ac-table"), words), turn.apply([0.0, 0.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(up_in_part(load_machine("head-head"), words), [[0.0, 0.0, 1.0]] * 2, atol=1e-12)
+    # A table under a B head tilts the part.
+    mixed = make({"vector": (1, 0, 0), "carried_by": "table"}, {"vector": (0, 1, 0), "carried_by": "head"})
+    lean = Rotation.from_euler("x", words[:, [0]], degrees=True).apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(up_in_part(mixed, words), lean, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ac-table", "bc-table", "head-table", "head-head", "nutating-head"])
+def test_upright_the_tool_axis_is_the_machines_z(name: str) -> None:
+    machine = load_machine(name)
+    words = np.array([[30.0, -50.0], [200.0, 20.0]])
+    upright = upright_words(machine, words)
+    np.testing.assert_allclose(forward(machine, upright), up_in_part(machine, upright), atol=1e-12)
+    np.testing.assert_allclose(up_in_part(machine, upright), up_in_part(machine, words), atol=1e-12)
+    assert has_head(machine) == ("head" in name) == bool((upright != words).any())
+    # C turns the head about Z; it need not move.
+    np.testing.assert_array_equal(upright[:, 0], words[:, 0])
+
+
+def test_a_head_that_never_stands_upright_is_refused() -> None:
+    head = {"vector": (0, 1, 0), "carried_by": "head", "range_deg": (10.0, 100.0)}
+    machine = make({"vector": (0, 0, 1), "carried_by": "table"}, head)
+    with pytest.raises(PostError, match="0 within the range of a head axis"):
+        upright_words(machine, np.array([[0.0, 40.0]]))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -72,3 +73,39 @@ def test_the_roomiest_datum_beats_every_other() -> None:
     around = np.array(found.zero) + rng.uniform(-30.0, 30.0, (400, 3))
     assert brute_force_margin(AC, visits, around, 150.0) <= found.margin + 1e-6
     assert brute_force_margin(AC, visits, np.array([found.zero]), 150.0) == pytest.approx(found.margin, abs=1e-6)
+
+
+HEAD_TABLE = load_machine("head-table")
+
+
+def turning_upright(x: float) -> VisitWords:
+    """The tip at rest while B goes from 100 degrees to 0: the carriage swings out to 150 + L and back a little."""
+    return visit(np.array([[x, 0.0, 100.0]] * 2), np.array([[0.0, 100.0], [0.0, 0.0]]))
+
+
+def test_what_an_axis_does_between_two_poses_is_within_travel_too() -> None:
+    """With a tool of 170 mm the spindle is 320 sin 100 deg = 315.1 mm out at the start, and 320 mm at 90 degrees."""
+    mounting = Mounting((0.0, 0.0, 300.0), {"T1": 170.0})
+    found = check_travel(HEAD_TABLE, (turning_upright(279.5),), mounting)
+    # The nearest place to 90 degrees is within half of the 5 degrees that are checked.
+    assert found.high[0] == pytest.approx(279.5 + 320.0, abs=320.0 * (1.0 - np.cos(np.radians(2.5))))
+    with pytest.raises(PostError, match=r"pose 2: found X\+602\.500 in machine coordinates"):
+        check_travel(HEAD_TABLE, (turning_upright(282.5),), mounting)
+
+
+@pytest.mark.parametrize("pose", [0, 5, 10])
+def test_a_retract_to_a_height_of_the_machine_does_not_go_down(pose: int) -> None:
+    """Only the first and the last pose of a visit have to be below it."""
+    low = msgspec.structs.replace(AC, retract="M91", retract_z_mm=300.0)
+    tip = np.zeros((11, 3))
+    tip[pose, 2] = 160.0
+    way = (visit(tip, np.zeros((11, 2))),)
+    mounting = Mounting((0.0, 0.0, 0.0), {"T1": 150.0})
+    assert check_travel(AC, way, mounting).high[2] == pytest.approx(310.0)
+    if pose == 5:
+        check_travel(low, way, mounting)
+        return
+    with pytest.raises(PostError, match=rf"pose {pose + 1}: found Z\+310\.000.*Z -100 \.\. 300, the retract"):
+        check_travel(low, way, mounting)
+    # Without a datum the part is put lower.
+    assert check_travel(low, way, Mounting(None, {"T1": 150.0})).zero[2] < -9.9
