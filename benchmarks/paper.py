@@ -53,7 +53,7 @@ from conflank_cli.selection.exact import widened
 from conflank_cli.selection.judging import MOST_LIFT, POSTING, lifted
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import CATALOGUE, Section, Tool
-from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.axes import drive
 from conflank_cli.verification.posed import pose_program
 from conflank_cli.verification.swept import gaps_of
 
@@ -215,7 +215,7 @@ class Posted:
         """Post the sweeps, and read the text back."""
         posed = pose_program(post_program(scene, sweeps)[0], scene)
         moves = posed.poses.moves
-        times = move_times(posed.poses)
+        times = drive(posed, scene).seconds
         # Without the ways to and from the face: what the paper's figure is about.
         seconds = np.array([times[moves.cut == k].sum() for k in range(len(sweeps))])
         return cls(sweeps, gaps_of(posed, samples.points)[1], seconds)

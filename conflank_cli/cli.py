@@ -18,7 +18,8 @@ import click
 from conflank_cli import __version__
 from conflank_cli.errors import EXIT_DEVICE, EXIT_DONE, EXIT_INPUT, EXIT_NUMERICAL, EXIT_USAGE, ConflankError
 from conflank_cli.options import NearestGroup
-from postprocessors.errors import DeviceError, PostError
+from conflank_cli.output import done_so_far, forget_done
+from postprocessors.errors import DeviceError, Interrupted, PostError
 
 # What a shell reports for a program that SIGINT or SIGPIPE ended.
 EXIT_INTERRUPTED = 130
@@ -85,6 +86,7 @@ class LazyGroup(NearestGroup):
 
 def _guarded(run: Callable[[], Any], debug: bool) -> int:
     """Run, and turn whatever happens into one message and an exit code."""
+    forget_done()
     try:
         code = run()
     except click.exceptions.NoArgsIsHelpError as error:
@@ -93,8 +95,8 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
     except click.ClickException as error:
         _say_usage(error)
         return EXIT_USAGE
-    except (click.Abort, KeyboardInterrupt):
-        return _interrupted()
+    except (click.Abort, KeyboardInterrupt) as error:
+        return _interrupted(error)
     except (ConflankError, PostError) as error:
         if debug:
             traceback.print_exc()
@@ -112,7 +114,7 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
         return EXIT_USAGE
     except Exception as error:
         if _came_of_interrupt(error):
-            return _interrupted()
+            return _interrupted(error)
         if debug:
             traceback.print_exc()
         text = " ".join(str(error).split()) or "no further word"
@@ -126,8 +128,16 @@ def _guarded(run: Callable[[], Any], debug: bool) -> int:
     return code if isinstance(code, int) else EXIT_DONE
 
 
-def _interrupted() -> int:
-    click.echo("Interrupted: nothing was written.", err=True)
+def _interrupted(error: BaseException) -> int:
+    """Say what was done until then, of files and of what a control has received."""
+    done = done_so_far()
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, Interrupted):
+            done.append(cause.text)
+            break
+        cause = cause.__cause__ or cause.__context__
+    click.echo(f"Interrupted: {'; '.join(done) or 'nothing was written'}.", err=True)
     return EXIT_INTERRUPTED
 
 

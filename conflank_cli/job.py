@@ -46,6 +46,11 @@ _TOOL_NUMBER = Limit(lambda x: 0 <= x <= 32767, "a whole number from 0 to 32767"
 _SOME = Limit(lambda x: len(x) > 0, "at least one")
 _PROGRAM_NAME = Limit(lambda x: re.fullmatch("[A-Z0-9_-]{1,16}", x) is not None, "1 to 16 characters A-Z 0-9 _ -")
 
+# A program states its tools in comments, one word each, and a control's tool table holds 32 characters.
+_TOOL_NAME = Limit(
+    lambda x: re.fullmatch("[A-Za-z0-9_.+#-]{1,32}", x) is not None, "1 to 32 characters A-Z a-z 0-9 _ - . + #"
+)
+
 # The two tolerances together, mm: what posting may change either way and as much again.
 LEAST_BAND = 0.002
 
@@ -360,13 +365,15 @@ def job_from_builtins(data: object, where: str) -> Job:
             where, f"a job that this version cannot read ({error})", "the resolved job", "Run the first stage again."
         ) from None
     _check_limits(job, Job, where, ())
+    _check_tool_names(job, where)
     return job
 
 
 def _embed_machine(machine: Machine, name: str, where: str, folder: Path) -> Machine:
     """The machine with the text of its file, so that artifacts stand alone."""
     try:
-        text = (folder / name).read_text("utf-8")
+        # Line ends as they are: the hash of the machine is that of its file.
+        text = (folder / name).read_bytes().decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{where}: [machine] file",
@@ -580,6 +587,7 @@ def _spell(value: object) -> str:
 
 def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
     """Checks between keys."""
+    _check_tool_names(job, where)
     tools = _resolve_tools(job, where)
     weights = job.optimization
     if not any((weights.mu1, weights.mu2, weights.mu3, weights.mu4, weights.mu5)):
@@ -678,6 +686,23 @@ def _check_tool_numbers(job: Job, where: str) -> None:
             raise InputError(
                 place, f"number {number} for {name} and {others[0]}", "one number for each tool", "Correct one of them."
             )
+
+
+def _check_tool_names(job: Job, where: str) -> None:
+    """Refuse names that no program can state as they are: its verification would look for another tool."""
+    for name in job.tools.define:
+        if not _TOOL_NAME.holds(name):
+            raise InputError(
+                f"{where}: [tools.define.{_spell(name)}]",
+                f"the tool name {_spell(name)}",
+                _TOOL_NAME.says,
+                f"Rename it, for example {_tool_name_like(name)!r}.",
+            )
+
+
+def _tool_name_like(name: str) -> str:
+    """A name that may be written, like one that may not."""
+    return re.sub("[^A-Za-z0-9_.+#-]+", "_", name).strip("_")[:32] or "TOOL"
 
 
 def _resolve_tools(job: Job, where: str) -> tuple[Tool, ...]:

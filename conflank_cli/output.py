@@ -3,15 +3,36 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from conflank_cli.errors import UsageError
 
 STANDARD = "-"
 """The name that stands for standard input or standard output."""
+
+_done: list[str] = []
+"""What this run of the program has written or sent so far: somebody who interrupts it must be told."""
+
+
+def note_done(text: str) -> None:
+    """Note that something has been written or sent: "out/BLADE1.H was written"."""
+    _done.append(text)
+
+
+def done_so_far() -> list[str]:
+    """What has been written or sent since the last `forget_done`."""
+    return list(_done)
+
+
+def forget_done() -> None:
+    """Begin a new run."""
+    _done.clear()
 
 
 def check_output(out: str | Path, inputs: Iterable[str | Path] = (), binary: bool = False) -> None:
@@ -88,14 +109,19 @@ def write_outputs(contents: Iterable[tuple[str | Path, bytes | str]], inputs: It
             raw = data.encode("utf-8") if isinstance(data, str) else data
             if str(out) == STANDARD:
                 sys.stdout.flush()
+                # Noted before: from here on some of it may be out.
+                note_done("standard output was begun")
                 sys.stdout.buffer.write(raw)
                 sys.stdout.buffer.flush()
             elif _is_device(Path(out)):
+                note_done(f"{out} was begun")
                 Path(out).write_bytes(raw)
             else:
                 waiting.append(_beside(raw, Path(out)))
-        for temporary, path in waiting:
-            temporary.replace(path)
+        with uninterrupted():
+            for temporary, path in waiting:
+                temporary.replace(path)
+                note_done(f"{path} was written")
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -104,6 +130,24 @@ def write_outputs(contents: Iterable[tuple[str | Path, bytes | str]], inputs: It
     finally:
         for temporary, _ in waiting:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Put off Ctrl-C until all files that belong together have their names."""
+    before = signal.getsignal(signal.SIGINT)
+    # Signals reach the main thread alone; where they are ignored, or end the process at once, nothing can be put off.
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 def _is_device(path: Path) -> bool:

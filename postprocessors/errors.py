@@ -27,3 +27,16 @@ class PostError(Exception):
 
 class DeviceError(PostError):
     """A port or a control did not do its part; what was being transferred is not under its final name."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C or SIGTERM during a transfer.
+
+    Parameters
+    ----------
+    text: what has gone out or come in, and what to do about it; no full stop.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.text = text

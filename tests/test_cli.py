@@ -1,5 +1,6 @@
 """The command line as a user and a shell see it: the pipeline, its files, its exit codes and its messages."""
 
+import hashlib
 import json
 import os
 import pty
@@ -253,6 +254,25 @@ FORMATS = {
     "number": ("BLADE1.H", "tool_numbers = {T1 = 12}\n"),
     "split": ("BLADE1.H", 'split = "sweep"\n'),
 }
+
+
+def test_a_verification_is_the_same_however_it_is_made(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By run, by verify in another folder, and from an artifact; it says what it is of."""
+    monkeypatch.chdir(tmp_path)
+    of_run = (finished / "out" / "BLADE1.H.verification.json").read_bytes()
+    program = str(finished / "out" / "BLADE1.H")
+    assert invoke("verify", program, "--job", str(finished / "job.toml"), "-o", "again.json").exit_code == 0
+    assert Path("again.json").read_bytes() == of_run
+    result = invoke("report", str(finished / "out" / "plan.npz"), program, "-o", "r.html", "--json")
+    assert json.loads(result.stdout)["verification"] == json.loads(of_run)
+    found = json.loads(of_run)
+    assert (found["schema"], found["schema_version"]) == ("conflank.verification", 2)
+    part = hashlib.sha256((finished / "blade.json").read_bytes()).hexdigest()
+    assert found["against"]["part"] == {"name": "blade.json", "sha256": part}
+    for line in (f"part          blade.json (sha256 {part[:12]})", "unknown       ", "limits        overcut 10"):
+        assert line in (finished / "done.txt").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", FORMATS)

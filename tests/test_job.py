@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from conflank_cli.errors import InputError
 from conflank_cli.job import Job, job_from_builtins, load_job, parse_job
 from conflank_cli.tool import CATALOGUE, Section
+from postprocessors.facts import plain
 
 PART = '[part]\nfile = "blade.step"\n[[part.design]]\nface = 0\n'
 LEAST = PART + '[tools]\nuse = ["T1"]\n'
@@ -205,6 +206,19 @@ BAD = [
     (LEAST + MY.format(1, 2, 5) + "shank = {diameter = [1, 0], length = 1}", "shank.diameter[1]", "0", "> 0"),
     (LEAST + MY.format(1, 2, 5) + "shank = {diameter = 1}", "[tools.define.MY] shank.length", "nothing", "'length'"),
     (LEAST + MY.format(1, 2, 5) + "radius = 1", "[tools.define.MY] radius", "unknown key", "r_max"),
+    *(
+        (
+            LEAST + f'[tools.define."{name}"]\nr_min = 1\nr_max = 2\nlength = 5\n',
+            "[tools.define.",
+            f"name {name!r}",
+            "A-Z",
+        )
+        for name in ("FLANK 8", "A;B", "A~B", "Fräser", "刀", "A\u2028B", "A/B", "A(B)", "A*B", "$$", "T\u00a08", "-- ")
+    ),
+    (LEAST + '[tools.define."A\\"B"]\nr_min = 1\nr_max = 2\nlength = 5\n', "[tools.define.", "name", "A-Z"),
+    (LEAST + '[tools.define."A\\nB"]\nr_min = 1\nr_max = 2\nlength = 5\n', "[tools.define.", "name", "A-Z"),
+    (LEAST + '[tools.define.""]\nr_min = 1\nr_max = 2\nlength = 5\n', "[tools.define.", "name ''", "1 to 32"),
+    (LEAST + f"[tools.define.{'A' * 33}]\nr_min = 1\nr_max = 2\nlength = 5\n", "[tools.define.", "AAA", "1 to 32"),
     (PART + '[tools]\nuse = ["T9"]\n', "[tools] use", "'T9'", "T1, T2, T3"),
     (PART + "[tools]\nuse = []\n", "[tools] use", "[]", "at least one"),
     (PART + '[tools]\nuse = ["T1", "T1"]\n', "[tools] use", "twice", "once"),
@@ -260,6 +274,28 @@ def test_an_artifacts_job_obeys_the_same_limits() -> None:
     data["tolerance"]["overcut"] = -1.0
     with pytest.raises(InputError, match="overcut"):
         job_from_builtins(data, "plan.npz")
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.from_regex("[A-Za-z0-9_.+#-]{1,32}", fullmatch=True))
+def test_a_tool_name_that_is_allowed_is_written_as_it_is(name: str) -> None:
+    """Otherwise a verification would look for a tool that the job does not have."""
+    job = parse(PART + f'[tools]\nuse = ["{name}"]\n' + MY.replace("MY", f'"{name}"').format(1, 2, 5))
+    assert [tool.name for tool in job.resolved_tools()] == [name] == [plain(name)]
+
+
+def test_an_artifacts_tool_names_are_checked_too() -> None:
+    data = msgspec.to_builtins(parse(LEAST + MY.format(1, 2, 5)))
+    data["tools"]["define"]["FLANK 8"] = data["tools"]["define"].pop("MY")
+    with pytest.raises(InputError, match="Rename it, for example 'FLANK_8'"):
+        job_from_builtins(data, "plan.npz")
+
+
+def test_a_machine_file_keeps_its_line_ends(tmp_path: Path) -> None:
+    """Its hash is that of its file."""
+    (tmp_path / "my.toml").write_bytes(b'name = "mine"\r\n')
+    (tmp_path / "job.toml").write_text(LEAST + '[machine]\nfile = "my.toml"\n')
+    assert load_job(tmp_path / "job.toml").machine.definition == 'name = "mine"\r\n'
 
 
 positive = st.floats(1e-6, 1e6)

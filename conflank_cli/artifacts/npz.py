@@ -5,6 +5,8 @@ of the inputs, the version of the program, and the meaning of the other arrays:
 
 - per design face i: ``face<i>_knots_u``, ``face<i>_knots_v``, ``face<i>_poles`` (nu, nv, 3), ``face<i>_weights``
   (nu, nv) where rational, ``face<i>_loops`` (N, 2) and ``face<i>_loop_offsets`` (loops + 1,);
+- per face i next to the design faces the same as ``around<i>_...``, and per piece i of what is left of a design face
+  outside its regions as ``rest<i>_...``;
 - ``check_vertices`` (N, 3), ``check_triangles`` (M, 3), ``check_face`` (M,);
 - in a plan, per design face i, what it covers point by point (`FaceCoverage`): ``face<i>_coverage_uv`` (N, 2),
   ``face<i>_coverage_points`` (N, 3), ``face<i>_coverage_areas``, ``face<i>_coverage_sweep`` and
@@ -49,7 +51,7 @@ KINDS: tuple[Kind, ...] = ("candidates", "motions", "plan")
 MAKERS: Mapping[str, str] = {"candidates": "detect", "motions": "optimize", "plan": "select"}
 """The stage that writes each kind."""
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 UNIT_SLACK = 1e-6
 """Axes of passes are unit vectors within this."""
 UNITS: Mapping[str, str] = {"length": "mm", "angle": "rad"}
@@ -70,7 +72,7 @@ _COVERAGE_NUMBERS = ("sweep", "reason")
 
 
 class FaceEntry(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a design face is besides its arrays."""
+    """What a face is besides its arrays."""
 
     number: int
     name: str
@@ -133,6 +135,13 @@ class Document(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     sweeps: tuple[SweepEntry, ...]
     summary: dict[str, Any]
     passes: tuple[PassEntry, ...] = ()
+    around: tuple[FaceEntry, ...] = ()
+    rest: tuple[FaceEntry, ...] = ()
+
+    def surfaces(self) -> list[tuple[str, FaceEntry]]:
+        """Every face that has arrays, with what their names begin with."""
+        groups = (("face", self.faces), ("around", self.around), ("rest", self.rest))
+        return [(f"{name}{index}", entry) for name, group in groups for index, entry in enumerate(group)]
 
 
 class Contents(NamedTuple):
@@ -195,14 +204,9 @@ def encode_artifact(
 ) -> bytes:
     """The bytes of an artifact. Equal arguments give equal bytes."""
     arrays: dict[str, npt.NDArray[Any]] = {}
-    for index, face in enumerate(scene.faces):
-        arrays[f"face{index}_knots_u"] = _floats(face.surface.knots_u)
-        arrays[f"face{index}_knots_v"] = _floats(face.surface.knots_v)
-        arrays[f"face{index}_poles"] = _floats(face.surface.poles)
-        if face.surface.weights is not None:
-            arrays[f"face{index}_weights"] = _floats(face.surface.weights)
-        arrays[f"face{index}_loops"] = _joined(face.loops, 2)
-        arrays[f"face{index}_loop_offsets"] = _offsets(face.loops)
+    for group, members in (("face", scene.faces), ("around", scene.neighbours), ("rest", scene.rest)):
+        for index, face in enumerate(members):
+            arrays |= _face_arrays(f"{group}{index}", face)
     for index, covered in enumerate(coverage):
         for name in _COVERAGE:
             array = getattr(covered, name)
@@ -244,6 +248,8 @@ def encode_artifact(
             PassEntry(item.face, item.tool, {name: float(value) for name, value in item.facts.items()})
             for item in passes
         ),
+        around=tuple(_face_entry(face) for face in scene.neighbours),
+        rest=tuple(_face_entry(face) for face in scene.rest),
     )
     for place, entry in (
         ("summary", document.summary),
@@ -320,7 +326,10 @@ def decode_contents(data: bytes, where: str, expected: Kind | None = None) -> Co
     if document.units != UNITS:
         raise _damaged(where, f"units {document.units}")
     _check_arrays(arrays, document, where)
-    faces = tuple(_face(entry, arrays, index) for index, entry in enumerate(document.faces))
+    faces, around, rest = (
+        tuple(_face(entry, arrays, f"{group}{index}") for index, entry in enumerate(members))
+        for group, members in (("face", document.faces), ("around", document.around), ("rest", document.rest))
+    )
     check = CheckMesh(
         arrays["check_vertices"],
         arrays["check_triangles"].astype(np.int32),
@@ -328,7 +337,9 @@ def decode_contents(data: bytes, where: str, expected: Kind | None = None) -> Co
     )
     job = job_from_builtins(document.job, where)
     tools = tuple(_tool(entry) for entry in document.tools)
-    scene = Scene(job, document.part_name, faces, tools, Once(lambda: check), document.inputs)
+    scene = Scene(
+        job, document.part_name, faces, tools, Once(lambda: check), document.inputs, rest, Once(lambda: around)
+    )
     return Contents(kind, scene, _sweeps(document.sweeps, arrays), _passes(document.passes, arrays), document.summary)
 
 
@@ -384,6 +395,20 @@ def _refuse_not_finite(value: Any, where: str) -> None:
             _refuse_not_finite(item, where)
     elif isinstance(value, float | np.floating | np.ndarray) and not np.all(np.isfinite(value)):
         raise NumericalError(where, f"{value}", "a finite number", "Please report this job.")
+
+
+def _face_arrays(name: str, face: DesignFace) -> dict[str, npt.NDArray[Any]]:
+    surface = face.surface
+    arrays = {
+        f"{name}_knots_u": _floats(surface.knots_u),
+        f"{name}_knots_v": _floats(surface.knots_v),
+        f"{name}_poles": _floats(surface.poles),
+        f"{name}_loops": _joined(face.loops, 2),
+        f"{name}_loop_offsets": _offsets(face.loops),
+    }
+    if surface.weights is not None:
+        arrays[f"{name}_weights"] = _floats(surface.weights)
+    return arrays
 
 
 def _face_entry(face: DesignFace) -> FaceEntry:
@@ -476,17 +501,18 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
             "pass_tip": (None, 3),
             "pass_axis": (None, 3),
         }
-    for index, entry in enumerate(document.faces):
+    for face, entry in document.surfaces():
         ranks |= {
-            f"face{index}_knots_u": (None,),
-            f"face{index}_knots_v": (None,),
-            f"face{index}_poles": (None, None, 3),
-            f"face{index}_loops": (None, 2),
-            f"face{index}_loop_offsets": (None,),
+            f"{face}_knots_u": (None,),
+            f"{face}_knots_v": (None,),
+            f"{face}_poles": (None, None, 3),
+            f"{face}_loops": (None, 2),
+            f"{face}_loop_offsets": (None,),
         }
         if entry.rational:
-            ranks[f"face{index}_weights"] = (None, None)
-        if "face0_coverage_uv" in arrays:
+            ranks[f"{face}_weights"] = (None, None)
+    if "face0_coverage_uv" in arrays:
+        for index in range(len(document.faces)):
             ranks |= {f"face{index}_coverage_{name}": rank for name, rank in _COVERAGE.items()}
     for name in sorted(ranks.keys() ^ arrays.keys()):
         raise _damaged(where, f"the unknown array {name!r}" if name in arrays else f"no array {name!r}")
@@ -508,7 +534,7 @@ def _check_arrays(arrays: Mapping[str, npt.NDArray[Any]], document: Document, wh
         and _indices(arrays["check_triangles"], len(arrays["check_vertices"]))
         and all(0 <= cut.face < len(document.faces) for cut in cuts)
         and {cut.tool for cut in cuts} <= {tool.name for tool in document.tools}
-        and all(_face_consistent(entry, arrays, index) for index, entry in enumerate(document.faces))
+        and all(_face_consistent(entry, arrays, face) for face, entry in document.surfaces())
         and all(_coverage_consistent(arrays, index, len(document.sweeps)) for index in range(len(document.faces)))
     )
     if not consistent:
@@ -533,16 +559,16 @@ def _indices(triangles: npt.NDArray[Any], count: int) -> bool:
     return bool(np.all(triangles >= 0) and np.all(triangles < count))
 
 
-def _face_consistent(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], index: int) -> bool:
-    nu, nv, _ = arrays[f"face{index}_poles"].shape
-    offsets = arrays[f"face{index}_loop_offsets"]
+def _face_consistent(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], face: str) -> bool:
+    nu, nv, _ = arrays[f"{face}_poles"].shape
+    offsets = arrays[f"{face}_loop_offsets"]
     return (
         min(entry.degree_u, entry.degree_v) >= 1
-        and len(arrays[f"face{index}_knots_u"]) == nu + entry.degree_u + 1
-        and len(arrays[f"face{index}_knots_v"]) == nv + entry.degree_v + 1
-        and (not entry.rational or arrays[f"face{index}_weights"].shape == (nu, nv))
+        and len(arrays[f"{face}_knots_u"]) == nu + entry.degree_u + 1
+        and len(arrays[f"{face}_knots_v"]) == nv + entry.degree_v + 1
+        and (not entry.rational or arrays[f"{face}_weights"].shape == (nu, nv))
         and len(offsets) > 0
-        and _steps(offsets, len(arrays[f"face{index}_loops"]), 0)
+        and _steps(offsets, len(arrays[f"{face}_loops"]), 0)
     )
 
 
@@ -558,17 +584,17 @@ def _coverage_consistent(arrays: Mapping[str, npt.NDArray[Any]], index: int, swe
     )
 
 
-def _face(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], index: int) -> DesignFace:
+def _face(entry: FaceEntry, arrays: Mapping[str, npt.NDArray[Any]], face: str) -> DesignFace:
     surface = BSplineSurface(
         entry.degree_u,
         entry.degree_v,
-        arrays[f"face{index}_knots_u"],
-        arrays[f"face{index}_knots_v"],
-        arrays[f"face{index}_poles"],
-        arrays[f"face{index}_weights"] if entry.rational else None,
+        arrays[f"{face}_knots_u"],
+        arrays[f"{face}_knots_v"],
+        arrays[f"{face}_poles"],
+        arrays[f"{face}_weights"] if entry.rational else None,
     )
-    loops = arrays[f"face{index}_loops"]
-    cuts = pairwise(arrays[f"face{index}_loop_offsets"].tolist())
+    loops = arrays[f"{face}_loops"]
+    cuts = pairwise(arrays[f"{face}_loop_offsets"].tolist())
     return DesignFace(entry.number, entry.name, surface, tuple(loops[a:b].copy() for a, b in cuts), entry.sense)
 
 

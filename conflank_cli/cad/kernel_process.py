@@ -2,8 +2,9 @@
 
 The kernel takes about 0.6 s to load and 250 MB, and nothing needs it once the faces of a part are numbers. So a command
 starts this process first of all: it loads the kernel while the command reads its job, and reads the part while the
-command imports what it will compute with. It hands over the faces as numbers as soon as it has them, then the
-triangles, which take it longest and which the first stage needs last; then its memory is free again.
+command imports what it will compute with. It hands over the design faces as numbers as soon as it has them, then the
+triangles and surfaces of what nothing may touch, which take it longest and which the first stage needs last; then its
+memory is free again.
 
 This module imports nothing that is slow: a command starts with it.
 """
@@ -33,8 +34,27 @@ if TYPE_CHECKING:
     from conflank_cli.cad.part import FaceGeometry, Part, PartFace, Piece
 
 Found = TypeVar("Found")
-Meshing = tuple[tuple[int, ...], float]
-"""Numbers of the faces to triangulate, and how closely, mm."""
+Known = Mapping[int, "Tried[FaceGeometry]"]
+"""What came of converting faces, by number."""
+
+
+class Meshing(NamedTuple):
+    """Faces that nothing may touch.
+
+    numbers: which to triangulate; deflection: how closely, mm; surfaces: which of them are handed over with the
+    triangles, since they are no design faces.
+    """
+
+    numbers: tuple[int, ...]
+    deflection: float
+    surfaces: tuple[int, ...]
+
+
+class Checked(NamedTuple):
+    """What is handed over last: triangles of the faces that nothing may touch, and what came of converting them."""
+
+    triangles: Tried[list[Piece]]
+    surfaces: Known
 
 
 class Wanted(NamedTuple):
@@ -113,8 +133,9 @@ class KernelProcess:
     def read(self, wanted: Wanted) -> Callable[[], Part]:
         """Have the file read; what is returned waits for the part, or raises what `read_part` raises.
 
-        Only what is wanted of the part can be asked of it, and within the context: its triangles are waited for when
-        they are asked for. A file in JSON has no use for the kernel, and is read here.
+        Only what is wanted of the part can be asked of it, and within the context: triangles and surfaces of what
+        nothing may touch are waited for when they are asked for. A file in JSON has no use for the kernel, and is read
+        here.
         """
         process = self._process
         if process is None or process.stdin is None or wanted.path.suffix.lower() == ".json":
@@ -134,8 +155,12 @@ def _answer(process: subprocess.Popen[bytes], file: str) -> Part:
     part, meshing = answer.found()
     if meshing is None:
         return part
-    pieces: Once[Tried[list[Piece]]] = Once(partial(_next, process, file))
-    return replace(part, triangulate=partial(_triangles, pieces, meshing))
+    checked: Once[Checked] = Once(partial(_next, process, file))
+    faces = tuple(
+        replace(face, load=partial(_surface, checked, face.number)) if face.number in meshing.surfaces else face
+        for face in part.faces
+    )
+    return replace(part, faces=faces, triangulate=partial(_triangles, checked, meshing))
 
 
 def _next(process: subprocess.Popen[bytes], file: str) -> Any:
@@ -176,8 +201,8 @@ def serve() -> None:
     os._exit(0)
 
 
-def _read(wanted: Wanted) -> Iterator[Tried[Any]]:
-    """The part with the geometry that is wanted, and what triangles there will be; then these, if any."""
+def _read(wanted: Wanted) -> Iterator[Tried[Any] | Checked]:
+    """The part with the geometry of its design faces, and what is to be checked; then that, if there is any."""
     from conflank_cli.cad.reader import read_part
     from conflank_cli.cad.triangulation import DEFLECTION_MM
 
@@ -186,12 +211,14 @@ def _read(wanted: Wanted) -> Iterator[Tried[Any]]:
         yield tried
         return
     part, numbers = tried.result, _to_check(tried.result, wanted)
-    meshing = (numbers, DEFLECTION_MM) if part.triangulate is not None and numbers else None
     geometry = {face.number: _tried(face.load) for face in _design(part, wanted)}
+    others = tuple(number for number in numbers if number not in geometry)
+    meshing = Meshing(numbers, DEFLECTION_MM, others) if part.triangulate is not None and numbers else None
     faces = tuple(replace(face, load=partial(_geometry, geometry, face.number)) for face in part.faces)
     yield Tried((replace(part, faces=faces, triangulate=None), meshing))
     if part.triangulate is not None and meshing is not None:
-        yield _tried(partial(part.triangulate, *meshing))
+        triangles = _tried(partial(part.triangulate, meshing.numbers, meshing.deflection))
+        yield Checked(triangles, {number: _tried(part.faces[number].load) for number in meshing.surfaces})
 
 
 # Where there is no such face, that is said where the job is looked at.
@@ -211,14 +238,19 @@ def _to_check(part: Part, wanted: Wanted) -> tuple[int, ...]:
     return ()
 
 
-def _geometry(known: Mapping[int, Tried[FaceGeometry]], number: int) -> FaceGeometry:
+def _geometry(known: Known, number: int) -> FaceGeometry:
     """What `PartFace.load` returns or raises, of the faces whose geometry was wanted."""
     return known[number].found()
 
 
+def _surface(checked: Callable[[], Checked], number: int) -> FaceGeometry:
+    """The same of a face that nothing may touch."""
+    return _geometry(checked().surfaces, number)
+
+
 def _triangles(
-    known: Callable[[], Tried[list[Piece]]], meshing: Meshing, numbers: Sequence[int], deflection: float
+    checked: Callable[[], Checked], meshing: Meshing, numbers: Sequence[int], deflection: float
 ) -> list[Piece]:
     """What `Part.triangulate` returns or raises, of the faces whose triangles were wanted."""
-    assert (tuple(numbers), deflection) == meshing
-    return known().found()
+    assert (tuple(numbers), deflection) == meshing[:2]
+    return checked().triangles.found()

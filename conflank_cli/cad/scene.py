@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,13 +49,16 @@ def load_scene(job: jobs.Job, folder: Path, part_of: Callable[[], Part] | None =
     tools = job.resolved_tools()
     part = read_part(folder / job.part.file, job.part.scale) if part_of is None else part_of()
     obstacles, hashes = read_obstacles(job, folder)
+    checked = to_check(part, job.part)
     return Scene(
         job,
         part.name,
         resolve_faces(part, job.part),
         tools,
-        Once(partial(_with_obstacles, part, to_check(part, job.part), obstacles)),
+        Once(partial(_with_obstacles, part, checked, obstacles)),
         {part.file: part.sha256, **hashes},
+        rest_of_faces(part, job.part),
+        Once(partial(_surfaces, checked)),
     )
 
 
@@ -66,15 +70,47 @@ def resolve_faces(part: Part, wanted: jobs.Part) -> tuple[DesignFace, ...]:
 
     Raises
     ------
-    InputError: no such face, a name that several have, a region of no extent or off the face, or a face of no area.
+    InputError: no such face, a name that several have, a region of no extent or off the face, a face of no area, or
+        regions of one face that overlap.
     """
-    return tuple(_design_face(part, design, index) for index, design in enumerate(wanted.design))
+    faces = tuple(_design_face(part, design, index) for index, design in enumerate(wanted.design))
+    _refuse_overlaps(part, wanted)
+    return faces
+
+
+def rest_of_faces(part: Part, wanted: jobs.Part) -> tuple[DesignFace, ...]:
+    """What is left of the design faces outside all their regions, in pieces; nothing where no face is checked.
+
+    Raises
+    ------
+    InputError: as `resolve_faces`.
+    """
+    if wanted.check_faces == "none":
+        return ()
+    first: dict[int, tuple[int, jobs.Design]] = {}
+    regions: dict[int, list[Box]] = {}
+    for index, design in enumerate(wanted.design):
+        face = part.face(design.face, f"{_place(index)} face")
+        first.setdefault(face.number, (index, design))
+        regions.setdefault(face.number, []).extend(_fractions(part, design, index))
+    pieces = []
+    for number, (_, design) in first.items():
+        face, geometry = part.faces[number], part.faces[number].load()
+        u0, u1, v0, v1 = geometry.box
+        for a, b, c, d in _outside(regions[number]):
+            box = (u0 + a * (u1 - u0), u0 + b * (u1 - u0), v0 + c * (v1 - v0), v0 + d * (v1 - v0))
+            surface, loops = geometry.sheet.unwrapped(box), tuple(cut_region(geometry, box))
+            if loops and trimmed_area(surface, loops) > LEAST_AREA_MM2:
+                sense = face.orientation if design.side == "outside" else -face.orientation
+                pieces.append(DesignFace(number, face.name or face.colour, surface, loops, sense))
+    return tuple(pieces)
 
 
 def to_check(part: Part, wanted: jobs.Part) -> list[PartFace]:
     """The faces that nothing may touch.
 
-    "rest" is every face that is not a design face; a face of which only a region is one is a design face.
+    "rest" is every face that is not a design face; a face of which only a region is one is a design face, and what is
+    left of it is checked as `rest_of_faces` gives it.
     """
     return part.to_check([item.face for item in wanted.design], wanted.check_faces)
 
@@ -86,6 +122,75 @@ def check_mesh(part: Part, wanted: jobs.Part, deflection: float = DEFLECTION_MM)
 
 def _with_obstacles(part: Part, faces: Sequence[PartFace], obstacles: CheckMesh) -> CheckMesh:
     return CheckMesh.joined([mesh_faces(part, faces, DEFLECTION_MM), obstacles])
+
+
+def _surfaces(faces: Sequence[PartFace]) -> tuple[DesignFace, ...]:
+    """The CAD surfaces of faces that nothing may touch, of those that have a sound one."""
+    found = []
+    for face in faces:
+        try:
+            geometry = face.load()
+        except InputError:
+            # Its triangles are checked, with what they may be off it held against the cutter.
+            continue
+        found.append(
+            DesignFace(face.number, face.name or face.colour, geometry.surface, geometry.loops, face.orientation)
+        )
+    return tuple(found)
+
+
+def _refuse_overlaps(part: Part, wanted: jobs.Part) -> None:
+    """Refuse a job that has the same place of a face twice: it would be cut twice."""
+    seen: dict[int, list[tuple[int, Box]]] = {}
+    for index, design in enumerate(wanted.design):
+        number = part.face(design.face, f"{_place(index)} face").number
+        own = _fractions(part, design, index)
+        for other, box in seen.get(number, []):
+            if any(_overlap(box, each) for each in own):
+                raise InputError(
+                    f"{part.file}: {_place(index)}",
+                    f"face {number}, which {_place(other)} has already, over the same region",
+                    "each part of a face once",
+                    "Remove one of the two tables, or give them regions that do not overlap.",
+                )
+        seen.setdefault(number, []).extend((index, box) for box in own)
+
+
+def _fractions(part: Part, design: jobs.Design, index: int) -> list[Box]:
+    """A region as boxes within the unit square, in fractions of the face's parameter box: several across a seam."""
+    face = part.face(design.face, f"{_place(index)} face")
+    geometry = face.load()
+    low_u, high_u, low_v, high_v = _region_box(geometry, design.region, f"{part.file}: {_place(index)} region")
+    u0, u1, v0, v1 = geometry.box
+    along_u = _turns((low_u - u0) / (u1 - u0), (high_u - u0) / (u1 - u0))
+    along_v = _turns((low_v - v0) / (v1 - v0), (high_v - v0) / (v1 - v0))
+    return [(a, b, c, d) for a, b in along_u for c, d in along_v]
+
+
+def _turns(start: float, end: float) -> list[tuple[float, float]]:
+    """A range of fractions, of one turn at most, brought into 0 to 1."""
+    pieces = [(max(start - k, 0.0), min(end - k, 1.0)) for k in (-1, 0, 1)]
+    return [(a, b) for a, b in pieces if b - a > SAME]
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return all(min(one[k + 1], other[k + 1]) - max(one[k], other[k]) > SAME for k in (0, 2))
+
+
+def _outside(regions: Sequence[Box]) -> list[Box]:
+    """Boxes that fill the unit square outside of other boxes."""
+    cuts = np.unique([0.0, 1.0, *(x for box in regions for x in box[:2])])
+    found: list[Box] = []
+    for a, b in pairwise(cuts.tolist()):
+        if b - a <= SAME:
+            continue
+        taken = sorted((box[2], box[3]) for box in regions if _overlap(box, (a, b, 0.0, 1.0)))
+        reached = 0.0
+        for low, high in [*taken, (1.0, 1.0)]:
+            if low - reached > SAME:
+                found.append((a, b, reached, low))
+            reached = max(reached, high)
+    return found
 
 
 def _place(index: int) -> str:

@@ -16,8 +16,10 @@ from conflank_cli import completion, options
 from conflank_cli.commands.dnc_simulate import simulate
 from conflank_cli.commands.wiring import Wiring, wiring
 from conflank_cli.options import Talk
+from conflank_cli.output import note_done, uninterrupted
 
 if TYPE_CHECKING:
+    from conflank_cli.verification.result import Verification
     from postprocessors.dnc.engine import Counts, Engine
     from postprocessors.dnc.profile import Profile
     from postprocessors.dnc.program import Program
@@ -63,27 +65,38 @@ def send(
     PROGRAM needs PROGRAM.verification.json beside it, of this very text and without findings. Start the transfer at
     the control as well: in the standard protocol it asks for a name, which must be the one in the program's first line.
     """
-    checked = _releasable(program, wiring.profile, unverified, talk)
+    checked, verification = _releasable(program, wiring.profile, unverified, really, talk)
     if address is not None:
-        from postprocessors.dnc.lsv2 import send_file
-
         if not really:
-            _dry("would send", checked, f"{address}, {folder}", [], {}, as_json)
+            _dry("would send", checked, verification, f"{address}, {folder}", [], {}, as_json)
             return
-        size = send_file(checked.path, address, folder, overwrite)
-        talk.note(f"sent {checked.path.name}: {size:,} bytes to {address}")
+        size = _send_over_network(checked, address, folder, overwrite, talk)
         if as_json:
-            _print_json(_about(checked, f"{address}, {folder}") | {"sent": True, "bytes": size})
+            done = {"sent": True, "bytes": size}
+            _print_json(_about(checked, verification, f"{address}, {folder}") | done)
         return
     if not really:
         facts = _line_facts(wiring.profile, checked)
-        _dry("would send", checked, wiring.port, _line_words(wiring.profile, checked), facts, as_json)
+        words = _line_words(wiring.profile, checked)
+        _dry("would send", checked, verification, wiring.port, words, facts, as_json)
         return
     done = _transfer(_sender(checked, wiring.profile), wiring, talk, "send", checked.sent_bytes)
+    note_done(f"{checked.path.name} was sent to {wiring.port}")
     if not wiring.profile.blockwise:
         talk.note("The control answered EOT, which it also does on an error: see its screen.")
     if as_json:
-        _print_json(_about(checked, wiring.port) | {"sent": True} | done)
+        _print_json(_about(checked, verification, wiring.port) | {"sent": True} | done)
+
+
+def _send_over_network(checked: Program, address: str, folder: str, overwrite: bool, talk: Talk) -> int:
+    """Send through LSV-2; how many bytes those were."""
+    from postprocessors.dnc.lsv2 import send_data
+
+    with _terminated():
+        send_data(checked.path.name, checked.data, address, folder, overwrite)
+        note_done(f"{checked.path.name} was sent to {address}")
+    talk.note(f"sent {checked.path.name}: {checked.size:,} bytes to {address}")
+    return checked.size
 
 
 def _sender(program: Program, profile: Profile) -> Engine:
@@ -97,25 +110,38 @@ def _sender(program: Program, profile: Profile) -> Engine:
     return StandardSender(profile, title, program.text())
 
 
-def _releasable(name: str, profile: Profile, unverified: bool, talk: Talk) -> Program:
-    """The program, if nothing speaks against sending it."""
+def _releasable(
+    name: str, profile: Profile, unverified: bool, really: bool, talk: Talk
+) -> tuple[Program, Verification | None]:
+    """The program and its verification, if nothing speaks against sending it; None for the latter if it is not needed.
+
+    `really`: whether it is going to be sent, for the wording of the notes.
+    """
+    from conflank_cli.commands.release import Refused, release
+    from conflank_cli.commands.tables import judged_against, unknown_moves
     from conflank_cli.errors import InputError
-    from conflank_cli.release import objection
     from postprocessors.dnc.program import read_program
 
     path = Path(name)
     program = read_program(path, profile)
-    reason = objection(path)
-    if reason is not None:
+    verification = None
+    try:
+        verification = release(path, program.sha256)
+    except (Refused, InputError) as refused:
         if not unverified:
-            next_step = f"conflank verify {name} --job JOB, or --unverified if you answer for it."
-            raise InputError(name, reason, "a verification of this text without findings", next_step)
-        talk.note(f"note: {reason}; sent all the same (--unverified)")
+            raise
+        reason = refused.found if isinstance(refused, Refused) else f"{refused.where}: {refused.found}"
+        talk.note(f"note: {reason}; {'sent' if really else 'would be sent'} all the same (--unverified)")
+    if verification is not None and really:
+        talk.note("judged against")
+        facts = [*judged_against(verification), ("unknown", unknown_moves(verification)), ("findings", "none")]
+        for key, text in facts:
+            talk.note(f"  {key:<9} {text}")
     if not program.plain:
         talk.note("note: not every line ends in CR LF; the control gets them so")
     if program.named and not program.ended:
         talk.note("note: the last line does not end the program; the control may wait for more")
-    return program
+    return program, verification
 
 
 def _line_words(profile: Profile, program: Program | None = None) -> list[tuple[str, str]]:
@@ -147,14 +173,25 @@ def _least_seconds(profile: Profile, program: Program) -> float:
     return (program.sent_bytes + (3 * program.lines if profile.blockwise else 0)) * profile.character_s
 
 
-def _about(program: Program, to: str | None) -> dict[str, Any]:
-    """Which program goes where, for --json."""
+def _about(program: Program, verification: Verification | None, to: str | None) -> dict[str, Any]:
+    """Which program goes where, and what it was judged against, for --json."""
+    judged = None
+    if verification is not None:
+        judged = {
+            "against": verification.against,
+            "coverage": verification.coverage,
+            "overcut_max_um": verification.overcut_max_um,
+            "stock_max_um": verification.stock_max_um,
+            "unknown_moves": verification.unknown_moves,
+            "findings": verification.findings,
+        }
     return {
         "program": str(program.path),
         "name": program.name,
         "lines": program.lines,
         "size_bytes": program.size,
         "sha256": program.sha256,
+        "verification": judged,
         "to": to or None,
     }
 
@@ -166,17 +203,30 @@ def _print_json(content: dict[str, Any]) -> None:
 
 
 def _dry(
-    what: str, program: Program, to: str | None, words: list[tuple[str, str]], facts: dict[str, Any], as_json: bool
+    what: str,
+    program: Program,
+    verification: Verification | None,
+    to: str | None,
+    words: list[tuple[str, str]],
+    facts: dict[str, Any],
+    as_json: bool,
 ) -> None:
     """What a run without --send says, on standard output."""
+    from conflank_cli.commands.tables import judged_against, unknown_moves
+
     if as_json:
-        _print_json(_about(program, to) | facts | {"sent": False})
+        _print_json(_about(program, verification, to) | facts | {"sent": False})
         return
     lines = [("program", f"{program.name}, {program.lines:,} lines, {program.size:,} bytes")]
     lines.append(("sha256", program.sha256))
-    text = program.text()
-    lines += [("first", next(text).decode("latin-1")), *words]
+    lines += [("first", next(program.text()).decode("latin-1")), *words]
     click.echo(f"{what} {program.path} to {to or 'no port'}")
+    if verification is not None:
+        lines += judged_against(verification)
+        lines.append(("coverage", f"{100.0 * verification.coverage:.2f} %"))
+        lines += [("unknown", unknown_moves(verification)), ("findings", "none")]
+    else:
+        lines.append(("findings", "not verified"))
     for name, value in lines:
         click.echo(f"  {name:<9} {value}")
     click.echo("nothing was sent: add --send")
@@ -217,8 +267,9 @@ def receive(
     from conflank_cli.errors import UsageError
     from conflank_cli.output import check_output
     from postprocessors.dnc.blockwise import NAME_PATTERN, BlockwiseServer
-    from postprocessors.dnc.folder import FileSink, OneFile
+    from postprocessors.dnc.folder import FileSink, OneFile, is_judgement
     from postprocessors.dnc.standard import StandardReceiver
+    from postprocessors.errors import Interrupted
 
     if re.fullmatch(NAME_PATTERN, name) is None:
         raise UsageError(f"NAME {name}", "no legal name", "letters, digits, . _ -", "Name it as the control does.")
@@ -226,10 +277,13 @@ def receive(
     check_output(path)
     if path.exists() and not overwrite:
         raise UsageError(f"-o {path}", "a file that exists", "a new name", "Replace it with --overwrite.")
+    if is_judgement(path.name):
+        raise UsageError(f"-o {path}", "the name of a verification", "another", "Only conflank verify writes those.")
     if address is not None:
         from postprocessors.dnc.lsv2 import receive_file
 
-        size = receive_file(name, path, address, folder, lambda part, final: _give_name(part, final))
+        with _terminated():
+            size = receive_file(name, path, address, folder, _give_name)
         talk.note(f"received {name}: {size:,} bytes from {address}")
         if as_json:
             _print_json({"files": [str(path)], "name": name, "from": f"{address}, {folder}", "bytes": size})
@@ -240,14 +294,33 @@ def receive(
         engine = BlockwiseServer(wiring.profile, title, OneFile(name, path, overwrite), once=True)
     else:
         engine = StandardReceiver(wiring.profile, title, FileSink(path, overwrite, expected=name))
-    done = _transfer(engine, wiring, talk, "receive", None)
+    before = _stamp(path)
+    try:
+        done = _transfer(engine, wiring, talk, "receive", None)
+    except Interrupted:
+        # It may have been complete in the moment before.
+        if _stamp(path) == before:
+            raise
+        raise Interrupted(f"{path} was received completely") from None
+    note_done(f"{path} was written")
     if as_json:
         _print_json({"files": [str(path)], "name": name, "from": wiring.port} | done)
 
 
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """What tells a file from one that has taken its name."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
+
+
 def _give_name(part: Path, final: Path) -> None:
     part.chmod(0o644)
-    part.replace(final)
+    with uninterrupted():
+        part.replace(final)
+        note_done(f"{final} was written")
 
 
 # --- serve ----------------------------------------------------------------------------------------------------------
@@ -277,10 +350,11 @@ def serve(
     The control reads the directory of FOLDER, and reads and writes its files; nothing outside FOLDER exists for it.
     Ctrl-C ends it.
     """
+    from conflank_cli.commands.release import objection
     from conflank_cli.errors import InputError, UsageError
-    from conflank_cli.release import objection
     from postprocessors.dnc.blockwise import BlockwiseServer
-    from postprocessors.dnc.folder import Folder
+    from postprocessors.dnc.folder import Folder, Gate
+    from postprocessors.errors import Interrupted
 
     path = Path(folder)
     if not path.is_dir():
@@ -288,11 +362,12 @@ def serve(
     if not wiring.profile.blockwise:
         found, expected = f"protocol {wiring.profile.protocol}", "fe1, fe2 or blockwise"
         raise UsageError("--profile", found, expected, "In the standard protocol the control cannot ask for files.")
-    gate: Callable[[Path], str | None] = (lambda _: None) if unverified else objection
+    gate: Gate = (lambda path, digest: None) if unverified else objection
     store = Folder(path, wiring.profile, gate, writable=not read_only, overwrite=overwrite)
     if not really and as_json:
         offered = [
-            {"name": entry.name, "bytes": entry.size, "refused": gate(path / entry.name)} for entry in store.directory()
+            {"name": entry.name, "bytes": entry.size, "refused": store.refusal(entry.name)}
+            for entry in store.directory()
         ]
         facts = {"folder": folder, "to": wiring.port or None} | _line_facts(wiring.profile)
         _print_json(facts | {"programs": offered, "served": False})
@@ -302,7 +377,7 @@ def serve(
         for name, value in _line_words(wiring.profile):
             click.echo(f"  {name:<9} {value}")
         for entry in store.directory():
-            reason = gate(path / entry.name)
+            reason = store.refusal(entry.name)
             click.echo(
                 f"  {entry.name:<24} {entry.size:>12,}  {'not sent: ' + reason if reason else 'sent if asked for'}"
             )
@@ -312,8 +387,8 @@ def serve(
     talk.note(f"serving {folder} at {wiring.port}; Ctrl-C ends it")
     try:
         _transfer(engine, wiring, talk, "serve", None)
-    except KeyboardInterrupt:
-        talk.note("ended")
+    except Interrupted as interrupt:
+        talk.note(f"ended; {interrupt.text}")
         if as_json:
             counts = {"blocks": engine.counts.blocks, "bytes": engine.counts.bytes, "repeats": engine.counts.repeats}
             _print_json({"folder": folder, "to": wiring.port, "served": True} | counts)
@@ -359,7 +434,7 @@ def drip(
     if not profile.blockwise:
         found, expected = f"protocol {profile.protocol}", "blockwise, fe1 or fe2, where ACK paces each block"
         raise UsageError("--profile", found, expected, "Choose such a profile, and set the control to it.")
-    checked = _releasable(program, profile, unverified, talk)
+    checked, verification = _releasable(program, profile, unverified, really, talk)
     check_drip(checked)
     limit = feed_limit(checked, profile, turnaround_ms / 1000.0)
     over = f"{limit.over:,} of {limit.moves:,} moves are programmed faster than their own block allows"
@@ -377,15 +452,17 @@ def drip(
     }
     if not really:
         facts = _line_facts(profile, checked) | facts
-        _dry("would feed", checked, wiring.port, _line_words(profile, checked) + words, facts, as_json)
+        words = _line_words(profile, checked) + words
+        _dry("would feed", checked, verification, wiring.port, words, facts, as_json)
         return
     for _, text in words:
         talk.note(text)
     # A block is acknowledged when the machine has room for the next: that takes as long as the cut does.
     patient = Wiring(replace(profile, silence_timeout_s=0.0), wiring.port, wiring.log, wiring.as_hex)
     done = _transfer(_sender(checked, patient.profile), patient, talk, "drip", checked.sent_bytes)
+    note_done(f"{checked.path.name} was fed to {wiring.port}")
     if as_json:
-        _print_json(_about(checked, wiring.port) | facts | {"sent": True} | done)
+        _print_json(_about(checked, verification, wiring.port) | facts | {"sent": True} | done)
 
 
 # --- ports and check ------------------------------------------------------------------------------------------------
@@ -466,43 +543,75 @@ def check(
 # --- how a transfer runs --------------------------------------------------------------------------------------------
 
 
+LOOK = {
+    "send": "look at the control and delete incomplete files there",
+    "drip": "look at the machine first: it may have stopped in the cut, or still be running",
+    "serve": "look at the control and delete incomplete files there",
+}
+"""What to do where a control has received something of a text that has not ended."""
+NOTHING = {
+    "send": "nothing was sent",
+    "drip": "nothing was sent",
+    "receive": "nothing was received",
+    "serve": "no transfer was under way",
+}
+
+
 def _transfer(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int | None) -> dict[str, Any]:
-    """Run an engine at the port, with a bar, a log and a summary; returns how much went over the wire."""
+    """Run an engine at the port, with a bar, a log and a summary; returns how much went over the wire.
+
+    Raises
+    ------
+    Interrupted: Ctrl-C or SIGTERM; says what the control has received.
+    """
+    from postprocessors.errors import Interrupted
+
+    try:
+        return _watched(engine, wiring, talk, what, total)
+    except KeyboardInterrupt:
+        # Where the engine was not told, it was not running: before the first character, or after the last.
+        left = engine.left_behind() if engine.left is None else engine.left
+        raise Interrupted(f"{left}; {LOOK[what]}" if left else NOTHING[what]) from None
+
+
+def _watched(engine: Engine, wiring: Wiring, talk: Talk, what: str, total: int | None) -> dict[str, Any]:
+    """The same, as long as nobody interrupts it."""
     from postprocessors.dnc.port import open_port
     from postprocessors.dnc.session import Session, TransferLog
 
     profile = wiring.profile
-    try:
-        port = open_port(profile, wiring.port)
-    except BaseException:
-        # An engine that receives has its hidden file open already.
-        engine.abort("no port", 0.0)
-        raise
-    try:
-        with _log_file(wiring.log) as stream, _terminated(), _bar(talk, what, total) as watch:
-            if what != "serve":
-                talk.note(f"{wiring.port} is open: start the transfer at the control")
-            log = TransferLog(stream, wiring.as_hex) if stream is not None else None
-            started: list[float] = []
+    with _terminated():
+        try:
+            port = open_port(profile, wiring.port)
+        except BaseException:
+            # An engine that receives has its hidden file open already.
+            engine.abort("no port", 0.0)
+            raise
+        try:
+            with _log_file(wiring.log) as stream, _bar(talk, what, total) as watch:
+                if what != "serve":
+                    talk.note(f"{wiring.port} is open: start the transfer at the control")
+                log = TransferLog(stream, wiring.as_hex) if stream is not None else None
+                started: list[float] = []
 
-            def on_counts(counts: Counts) -> None:
-                if engine.started and not started:
-                    started.append(time.monotonic())
-                watch(counts)
+                def on_counts(counts: Counts) -> None:
+                    if engine.started and not started:
+                        started.append(time.monotonic())
+                    watch(counts)
 
-            try:
-                Session(engine, port, log, on_counts).run()
-            except KeyboardInterrupt:
-                if what != "serve" and engine.failure is not None:
-                    talk.note(f"stopped: {engine.failure.where}")
-                raise
-    finally:
-        port.close()
-    seconds = time.monotonic() - started[0] if started else 0.0
-    counts = engine.counts
-    rate = f", {counts.bytes / seconds:,.0f} bytes/s" if seconds > 0.1 else ""
-    repeats = f", {counts.repeats} repeated" if counts.repeats else ""
-    talk.note(f"done: {counts.blocks:,} blocks, {counts.bytes:,} bytes in {seconds:.1f} s{rate}{repeats}")
+                try:
+                    Session(engine, port, log, on_counts).run()
+                except KeyboardInterrupt:
+                    if what != "serve" and engine.failure is not None:
+                        talk.note(f"stopped: {engine.failure.where}")
+                    raise
+        finally:
+            port.close()
+        seconds = time.monotonic() - started[0] if started else 0.0
+        counts = engine.counts
+        rate = f", {counts.bytes / seconds:,.0f} bytes/s" if seconds > 0.1 else ""
+        repeats = f", {counts.repeats} repeated" if counts.repeats else ""
+        talk.note(f"done: {counts.blocks:,} blocks, {counts.bytes:,} bytes in {seconds:.1f} s{rate}{repeats}")
     return {"blocks": counts.blocks, "bytes": counts.bytes, "seconds": round(seconds, 3), "repeats": counts.repeats}
 
 

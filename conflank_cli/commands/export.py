@@ -80,7 +80,7 @@ def export(what: str, sources: tuple[str, ...], output: str, as_json: bool, talk
         elif what == "cuts":
             data = spreadsheets.cuts_csv(material.verified(talk))
         else:
-            data = spreadsheets.poses_csv(material.posed)
+            data = spreadsheets.poses_csv(material.posed, material.scene)
     write_output(data, output, inputs)
     talk.note(f"{what:<13} {output}")
     if as_json:

@@ -12,7 +12,6 @@ from conflank_cli.artifacts.npz import decode_contents, document_text, read_sour
 from conflank_cli.cad.kernel_process import KernelProcess, Wanted
 from conflank_cli.commands.plan_map import summary_tables
 from conflank_cli.commands.tables import cell_text, judgement, text_table
-from conflank_cli.errors import InputError
 from conflank_cli.sweep import Sweep
 from conflank_cli.verification.result import from_json
 
@@ -108,12 +107,7 @@ def _terms(sweeps: Sequence[Sweep]) -> str:
 def list_verification(source: str, as_json: bool) -> str:
     """What a program cuts, as conflank verify found it, as tables or as it is."""
     where, data = read_source(source)
-    try:
-        found = from_json(data)
-    except msgspec.DecodeError as error:
-        raise InputError(
-            where, f"no verification ({error})", "what conflank verify writes", "Verify the program again."
-        ) from None
+    found = from_json(data, where)
     return found.to_json().decode() if as_json else judgement(found) + "\n"
 
 

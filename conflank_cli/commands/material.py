@@ -9,8 +9,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from conflank_cli.artifacts.npz import decode_artifact, decode_contents, decode_coverage, read_source
 from conflank_cli.ball_pass import Pass
 from conflank_cli.coverage import FaceCoverage
@@ -156,12 +154,7 @@ def _recognised(source: str) -> tuple[str, Any]:
     if data.startswith(_ZIP):
         return "artifact", (where, data)
     if data.lstrip().startswith(b"{"):
-        try:
-            return "verification", (where, from_json(data))
-        except msgspec.DecodeError as error:
-            raise InputError(
-                where, f"JSON that is no verification ({error})", "what conflank verify writes", "Name another file."
-            ) from None
+        return "verification", (where, from_json(data, where))
     return "program", (source, where, data)
 
 

@@ -134,7 +134,8 @@ def _prepare(scene: Scene) -> None:
     for name in LATER:
         import_module(name)
     from conflank_cli.selection.judging import Judge
-    from conflank_cli.verification.sampling import POINTS_PER_FACE, Places
+    from conflank_cli.verification.places import Places
+    from conflank_cli.verification.sampling import POINTS_PER_FACE
 
     Judge.of(scene)
     Places.of(scene, POINTS_PER_FACE)

@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console, JustifyMethod
 from rich.table import Table
 
-from conflank_cli.verification.result import CutFigures, Place, Verification
+from conflank_cli.verification.result import CutFigures, FileHash, Place, Verification
 
 if TYPE_CHECKING:
     from conflank_cli.posting.summary import PostSummary
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 # Where nobody looks at a terminal a table may be as wide as it likes.
 _WIDE = 1000
+
+# Digits of a hash that are shown: enough to tell files apart; --json and the verification have all.
+DIGITS = 12
+# The region of a design face that is judged whole.
+WHOLE = (0.0, 1.0, 0.0, 1.0)
 
 # Characters between two columns, and on both sides of all.
 _BETWEEN, _EDGES = 3, 2
@@ -130,12 +135,58 @@ def judgement(verification: Verification) -> str:
         ("stock", "-" if stock is None else f"{stock:.2f} µm at most{_where(verification.stock_max_at)}"),
         ("time", f"{verification.time_s / 60.0:.1f} min{_by_kind(verification)}"),
         ("control", _control(verification.control_tolerance_um)),
+        ("unknown", unknown_moves(verification)),
+        *judged_against(verification),
         ("findings", str(len(verification.findings)) if verification.findings else "none"),
     ]
     text = text_table(columns, rows) if rows else ""
     text += "\n" + "".join(f"{name:<13} {value}\n" for name, value in lines)
     text += "".join(f"  {finding.title}: {finding.text}\n" for finding in verification.findings)
     return text.rstrip("\n")
+
+
+def unknown_moves(verification: Verification) -> str:
+    """How many moves of a program are not known."""
+    count = verification.unknown_moves
+    if count == 0:
+        return "no move"
+    return f"{count:,} {'move' if count == 1 else 'moves'} whose way is neither followed nor proven to be free"
+
+
+def judged_against(verification: Verification) -> list[tuple[str, str]]:
+    """What a program was judged against, each with its name: files with the first digits of their hashes, limits."""
+    against = verification.against
+    limits, placement = against.limits, against.placement
+    obstacles = "".join(f", obstacle {_hashed(each)}" for each in against.obstacles)
+    datum = placement.datum
+    preset = f"preset {datum}" if isinstance(datum, int) else "datum shifted by {:g} {:g} {:g}".format(*datum)
+    copies = ""
+    if placement.copies_count > 1:
+        numbers = " ".join(map(str, placement.copies))
+        copies = f", copies {numbers} of {placement.copies_count}"
+    faces = ", ".join(
+        f"face {each.face}" + ("" if each.region == WHOLE else " region {:g} {:g} {:g} {:g}".format(*each.region))
+        for each in against.regions
+    )
+    return [
+        ("part", f"{_hashed(against.part)}{obstacles}"),
+        ("faces", f"{faces}{copies}"),
+        (
+            "limits",
+            f"overcut {1e3 * limits.overcut_mm:g}, undercut {1e3 * limits.undercut_mm:g} µm, allowance "
+            f"{limits.allowance_mm:g} mm, coverage {100.0 * limits.coverage:g} %, to obstacles {limits.cutter_mm:g} "
+            f"{limits.shank_mm:g} {limits.holder_mm:g} mm",
+        ),
+        (
+            "job",
+            f"sha256 {against.job_sha256[:DIGITS]}, machine {_hashed(against.machine)}, {preset}; judged by conflank "
+            f"{against.program_version}",
+        ),
+    ]
+
+
+def _hashed(each: FileHash) -> str:
+    return f"{each.name} (sha256 {'not known' if each.sha256 is None else each.sha256[:DIGITS]})"
 
 
 def prediction(summary: PostSummary) -> str:

@@ -38,6 +38,9 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 COMPONENTS = ("ball", "cone", "shank", "holder")
+DESIGN = "design face"
+# Column of the sections: with which sign the sag of a triangle counts.
+SAG_SIGN = 7
 # A motion is looked at until what cannot be told moves less than this, mm; what hits is trimmed to COARSE.
 FINE, COARSE = 0.001, 0.05
 # What a motion keeps more than its margins, mm: what posting changes at cutter and shank, and at the holder further up.
@@ -46,6 +49,8 @@ RESERVE, HOLDER_RESERVE = 0.0005, 0.003
 RESOLUTION = 0.005
 # Triangles of the design faces are off them by about so much, mm: they are cut to micrometres.
 DESIGN_DEFLECTION = 0.001
+# Of the faces beside them as well, as far as a cutter reaches from a design face.
+PART_DEFLECTION = 0.002
 # Beyond this a clearance does not matter and is not looked for, mm.
 REACH = 10.0
 # Stretches of hits of one motion; more would be joined.
@@ -82,9 +87,9 @@ class Body:
 
     Attributes
     ----------
-    name: what it is, for messages: "design face", "part" or "obstacle".
-    tree: the triangles; their sag counts for the cutter, which is meant to touch, as distance, and against shank and
-        holder, which are to stay away.
+    name: what it is, for messages: "design face", "rest" of design faces outside their regions, "part" or "obstacle".
+    tree: the triangles; their sag counts against everything, but on design faces, which it is meant to touch, for the
+        cutter.
     face: (T,) CAD face number of each triangle in the tree's order; obstacles count down from -1.
     margins: distances to keep, mm.
     closed: obstacles that have an inside, by number.
@@ -105,6 +110,14 @@ class Body:
         closed = tuple(number for number in foreign if not open_edges(mesh.only(mesh.face == number)))
         return cls(name, tree, face, margins, closed)
 
+    def felt(self, sections: Array) -> Array:
+        """Sections (S, 8) of a tool as this body is held against them."""
+        if self.name == DESIGN:
+            return sections
+        sections = sections.copy()
+        sections[:, SAG_SIGN] = -1.0
+        return sections
+
 
 class Reason(NamedTuple):
     """What is nearest to one component, or nearest to what it may not pass.
@@ -112,7 +125,7 @@ class Reason(NamedTuple):
     Attributes
     ----------
     component: "ball", "cone", "shank" or "holder".
-    body: what it is near: "design face", "part" or "obstacle".
+    body: what it is near, by the name of the body.
     face: its CAD face number; -1 - k for obstacle k.
     place: (3,) where on it, mm.
     clearance: signed distance, mm, sag counted; inside, the depth as a negative number.
@@ -174,7 +187,7 @@ class Collider:
     Attributes
     ----------
     scene: the machine's reach and the setup are taken from it.
-    bodies: design faces, the rest of the part, obstacles; those that there are.
+    bodies: design faces, what regions leave of them, the rest of the part, obstacles; those that there are.
     names: of the obstacles.
     """
 
@@ -196,11 +209,16 @@ class Collider:
             # cutter leaves is judged by the swept gap; here what cannot be told between poses is let pass.
             limits = Margins(allowance - over - FINE, allowance - over, margin.holder + HOLDER_RESERVE)
             sag = np.concatenate([sag for _, sag in pieces])
-            bodies.append(Body.of("design face", CheckMesh.joined([mesh for mesh, _ in pieces]), limits, sag))
-        own = scene.check.only(scene.check.face >= 0)
+            bodies.append(Body.of(DESIGN, CheckMesh.joined([mesh for mesh, _ in pieces]), limits, sag))
+        if scene.rest:
+            pieces = [face_mesh(face, DESIGN_DEFLECTION) for face in scene.rest]
+            keep = RESERVE + allowance - over
+            limits, sag = Margins(keep, keep, margin.holder + HOLDER_RESERVE), np.concatenate([s for _, s in pieces])
+            bodies.append(Body.of("rest", CheckMesh.joined([mesh for mesh, _ in pieces]), limits, sag))
+        own, sag = _part_mesh(scene)
         if len(own.triangles):
             limits = Margins(RESERVE - over, margin.shank + RESERVE, margin.holder + HOLDER_RESERVE)
-            bodies.append(Body.of("part", own, limits))
+            bodies.append(Body.of("part", own, limits, sag))
         foreign = scene.check.only(scene.check.face < 0)
         if len(foreign.triangles):
             limits = Margins(margin.cutter + RESERVE, margin.shank + RESERVE, margin.holder + HOLDER_RESERVE)
@@ -235,7 +253,7 @@ class Collider:
         free = reachable_axes(self.scene.job, d)
         sections, component = sections_of(tool)
         for body in self.bodies:
-            poses_free(body.tree, p, d, sections, _limits(body.margins, component), free)
+            poses_free(body.tree, p, d, body.felt(sections), _limits(body.margins, component), free)
             free &= ~self._within(body, p, d, tool)
         return free
 
@@ -288,11 +306,11 @@ class Collider:
         chosen = []
         for number, body in enumerate(self.bodies):
             kept = np.ones(len(component), dtype=np.bool_)
-            if body.name == "design face" and not design:
+            if body.name == DESIGN and not design:
                 kept = component >= COMPONENTS.index("shank")
             if kept.any():
                 limits = _limits(body.margins, component)
-                chosen.append((number, body, sections[kept], component[kept], limits[kept]))
+                chosen.append((number, body, body.felt(sections)[kept], component[kept], limits[kept]))
         return chosen
 
     def _course(self, polynomials: Array, breaks: Array, tool: Tool, design: bool) -> Course:
@@ -330,6 +348,28 @@ class Collider:
         return np.asarray([bool(_around(body, point, direction, tool)) for point, direction in zip(p, d, strict=True)])
 
 
+def _part_mesh(scene: Scene) -> tuple[CheckMesh, Array]:
+    """Triangles of the part beside its design faces, and how far the faces may be off them, (M,) mm.
+
+    Where a cutter reaches from a design face they are made anew from the CAD surfaces, as close as overcut is counted.
+    """
+    own = scene.check.only(scene.check.face >= 0)
+    corners = np.concatenate([np.zeros((0, 3)), *(face.surface.poles.reshape(-1, 3) for face in scene.faces)])
+    if not len(own.triangles) or not len(corners):
+        return own, mesh_sags(own)
+    reach = max(tool.length + tool.r_max for tool in scene.tools)
+    low, high = corners.min(axis=0) - reach, corners.max(axis=0) + reach
+
+    def is_near(number: int) -> bool:
+        places = own.vertices[own.triangles[own.face == number]].reshape(-1, 3)
+        return len(places) > 0 and bool((places.min(axis=0) <= high).all() and (places.max(axis=0) >= low).all())
+
+    fine = [face for face in scene.neighbours if is_near(face.number)]
+    rest = own.only(~np.isin(own.face, [face.number for face in fine]))
+    pieces = [(rest, mesh_sags(rest)), *(face_mesh(face, PART_DEFLECTION) for face in fine)]
+    return CheckMesh.joined([mesh for mesh, _ in pieces]), np.concatenate([sag for _, sag in pieces])
+
+
 def sections_of(tool: Tool) -> tuple[Array, IntArray]:
     """The assembly as the kernels read it: rows (S, 8), and the component (S,) each belongs to."""
     rows = [(tool.ball_centre_height, tool.ball_centre_height, tool.ball_radius, tool.ball_radius, 0.0, 1.0, 1.0, 1.0)]
@@ -353,7 +393,8 @@ def _nearest(
     """Take over what one body leaves less slack than what was found so far."""
     triangle = np.full(found.face.shape, -1, dtype=np.int64)
     limits = _limits(body.margins, component)
-    poses_least(body.tree, p, d, sections, component, limits, found.slack, found.clearance, triangle, found.place)
+    felt = body.felt(sections)
+    poses_least(body.tree, p, d, felt, component, limits, found.slack, found.clearance, triangle, found.place)
     nearer = triangle >= 0
     found.body[nearer] = number
     found.face[nearer] = body.face[triangle[nearer]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from conflank_cli.copies import seen_from_first
 from conflank_cli.cores import spread
-from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.face import CheckMesh, DesignFace
 from conflank_cli.geometry.gap import travel
 from conflank_cli.geometry.kernels.clearance import poses_clear
 from conflank_cli.geometry.outline import COARSE, FINE, Margins, Outline
@@ -110,6 +111,13 @@ def mesh_points(mesh: CheckMesh, spacing: float) -> Array:
     return points[np.sort(first)]
 
 
+def _face_points(faces: Sequence[DesignFace], spacing: float) -> Array:
+    """Points of faces and of their borders, about `spacing` mm apart, (N, 3)."""
+    works = [WorkFace.of(face, 0.0) for face in faces]
+    points = [part for work in works for part in (work.samples(spacing).points, work.border(spacing))]
+    return np.concatenate([np.zeros((0, 3)), *points])
+
+
 def _within_reach(scene: Scene, points: Array, spacing: float) -> Array:
     """Points of the obstacles that a tool at the design faces, of which `points` (N, 3) are given, can come near."""
     foreign = scene.check.only(scene.check.face < 0)
@@ -166,6 +174,7 @@ class Screen:
     ----------
     job: machine and setup: an axis out of reach is a violation too.
     design: points of the design faces; cutter and shank may not overcut them, the holder keeps its margin.
+    rest: points of what regions leave of design faces, for which the same holds.
     check: points of the check geometry; the cutter may not overcut it (it is the same part), shank and holder keep
         their margins.
     obstacles: points of foreign bodies where a tool reaches them; every component keeps its margin.
@@ -174,6 +183,7 @@ class Screen:
 
     job: Job
     design: PointCells
+    rest: PointCells
     check: PointCells
     obstacles: PointCells
     design_margins: Margins
@@ -185,15 +195,13 @@ class Screen:
     def of(cls, scene: Scene, spacing: float = POINT_SPACING) -> Screen:
         """The screen of a job, with points about `spacing` mm apart; kept for the next stage that asks."""
         scene = seen_from_first(scene)
-        faces = [WorkFace.of(design, 0.0) for design in scene.faces]
-        points = np.concatenate(
-            [part for face in faces for part in (face.samples(spacing).points, face.border(spacing))]
-        )
+        points, beyond = _face_points(scene.faces, spacing), _face_points(scene.rest, spacing)
         over, allowance = scene.job.tolerance.overcut, scene.job.tolerance.allowance
         margin = scene.job.obstacles.margin
         return cls(
             scene.job,
             PointCells.of(points),
+            PointCells.of(beyond),
             PointCells.of(mesh_points(scene.check.only(scene.check.face >= 0), spacing)),
             PointCells.of(_within_reach(scene, points, max(spacing, OBSTACLE_SPACING))),
             # The shank leaves the top of the cone tangentially: what the cone may overcut, it overcuts too.
@@ -229,6 +237,7 @@ class Screen:
         def run(part: slice) -> None:
             for cells, margins in (
                 (self.design, self.design_margins),
+                (self.rest, self.design_margins),
                 (self.check, self.check_margins),
                 (self.obstacles, self.obstacle_margins),
             ):

@@ -12,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import cKDTree
 
 from conflank_cli.ball_pass import Pass
-from conflank_cli.geometry.collision import FINE, Collider
+from conflank_cli.geometry.collision import DESIGN, FINE, Collider
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.passes.axes import Axes
 from conflank_cli.passes.path import Path, path_of
@@ -70,7 +70,7 @@ def ball_passes(scene: Scene, sweeps: Sequence[Sweep], progress: Progress) -> tu
 def _touching(collider: Collider, cutter: float) -> Collider:
     """The same with another limit for the cutter at the design faces, mm: a pass does not use up the tolerance."""
     bodies = (
-        replace(body, margins=replace(body.margins, cutter=cutter)) if body.name == "design face" else body
+        replace(body, margins=replace(body.margins, cutter=cutter)) if body.name == DESIGN else body
         for body in collider.bodies
     )
     return replace(collider, bodies=tuple(bodies))
@@ -162,7 +162,7 @@ class _FaceJob:
         apart = np.linalg.norm(np.diff(centre, axis=0), axis=1)
         cuts = np.flatnonzero((np.diff(kept) > 1) & (apart > BRIDGE))
         # Between poses half a millimetre apart a ball stays on the face it touches; all else may stand anywhere.
-        others = replace(collider, bodies=tuple(body for body in collider.bodies if body.name != "design face"))
+        others = replace(collider, bodies=tuple(body for body in collider.bodies if body.name != DESIGN))
         passes = []
         for piece in np.split(np.arange(len(kept)), cuts + 1):
             if len(piece) < 2:

@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from conflank_cli.geometry.collision import REACH, Collider
 from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
+from conflank_cli.geometry.workface import COARSE, WorkFace
 from conflank_cli.machine_frame import copy_rotation
 from conflank_cli.posting.ride import PassRide, Ride, great_circle
 from conflank_cli.scene import Scene
@@ -238,6 +239,7 @@ def hull_points(scene: Scene, projectors: Sequence[Projector]) -> Array:
     foreign = np.zeros(len(scene.check.vertices), dtype=np.bool_)
     foreign[scene.check.triangles[scene.check.face < 0]] = True
     points = [scene.check.vertices[~foreign]]
+    points += [WorkFace.of(face, 0.0).samples(COARSE).points for face in scene.rest]
     for face, projector in zip(scene.faces, projectors, strict=True):
         border = np.vstack(face.loops)
         u = np.linspace(border[:, 0].min(), border[:, 0].max(), HULL_SAMPLES)

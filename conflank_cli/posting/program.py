@@ -21,7 +21,7 @@ from conflank_cli.geometry.footpoint import Projector
 from conflank_cli.geometry.screening import Screen
 from conflank_cli.job import Job
 from conflank_cli.machine_frame import Frame, machine_of
-from conflank_cli.posting.feeds import block_feeds
+from conflank_cli.posting.feeds import FedCut, as_printed, block_feeds
 from conflank_cli.posting.links import (
     LINK_CHECKS,
     Link,
@@ -215,17 +215,23 @@ def _with_links(
     tips = [np.vstack([a.tip, tip, b.tip]) for (tip, _), a, b in zip(poses, before, after, strict=True)]
     axes = [np.vstack([a.axis, axis, b.axis]) for (_, axis), a, b in zip(poses, before, after, strict=True)]
     words = words_of(machine, labels, axes, follows)
+    # At feed from beside the face to beside it again; the safe plane and links are passed by rapid.
+    fed = [
+        slice(1 if link is None else len(link.tip) - 1, len(tip) if go_on else len(tip) - 1)
+        for tip, link, go_on in zip(tips, links, followed, strict=True)
+    ]
+    cuts = [
+        _fed_cut(piece, tip, axis, turns, at, machine, job)
+        for piece, tip, axis, turns, at in zip(pieces, tips, axes, words, fed, strict=True)
+    ]
+    feeds = block_feeds(cuts, machine, job.program.feed)
     stretches = []
     for index, piece in enumerate(pieces):
-        ride, label, link = piece.ride, f"{piece.label} with its approach", links[index]
+        ride, link = piece.ride, links[index]
         tip, axis = tips[index], axes[index]
-        positions = axis_positions(machine, mounting_of(job), ride.tool.name, tip, words[index])
-        # At feed from beside the face to beside it again; the safe plane and links are passed by rapid.
-        start = 1 if link is None else len(link.tip) - 1
-        first, last = len(before[index].tip), len(tip) - len(after[index].tip) - 1
-        at = slice(start, len(tip) if followed[index] else len(tip) - 1)
+        start, first, last = fed[index].start, len(before[index].tip), len(tip) - len(after[index].tip) - 1
         feed = np.zeros(len(tip))
-        feed[at] = block_feeds(tip[at], axis[at], positions[at], ride, machine, job.program.feed, label)
+        feed[fed[index]] = feeds[index]
         # Into the first pose of a stretch leads nothing; it has the feed of its first block.
         sweep_feed, back_feed = feed[first : last + 1].copy(), feed[last:].copy()
         sweep_feed[0], back_feed[0] = sweep_feed[1], back_feed[1]
@@ -276,6 +282,15 @@ def _to_above(
         tip, axis = np.vstack([end.tip, above]), np.vstack([end.axis, end.axis[-1:]])
         end = replace(end, tip=tip, axis=axis, feed=np.concatenate([end.feed, [0.0]]))
     return *rest, end, Stretch(Purpose.UPRIGHT, end.cut, end.tip[-1:], forward(machine, upright), np.zeros(1))
+
+
+def _fed_cut(piece: _Piece, tip: Array, axis: Array, words: Array, at: slice, machine: Machine, job: Job) -> FedCut:
+    """What is run at feed, as it is printed: the poses `at` of a piece with its ways."""
+    datum = job.program.datum
+    tip = as_printed(tip[at], np.zeros(3) if isinstance(datum, int) else np.asarray(datum, dtype=np.float64))
+    words = as_printed(words[at], np.zeros(2))
+    positions = axis_positions(machine, mounting_of(job), piece.ride.tool.name, tip, words)
+    return FedCut(tip, axis[at], positions, piece.ride, f"{piece.label} with its approach")
 
 
 def _before(way: Link, link: Link | None) -> Link:

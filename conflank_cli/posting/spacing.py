@@ -28,6 +28,11 @@ the 0.5 µm that posting may cost."""
 GRADING = 0.2
 """Share by which a block may be longer than the one beside it: where a motion has an inflection, blocks could be many
 times as long as beside it, and the control would have to change its pace."""
+UNEVEN = 2.2
+"""Times that a block may be as long as the one beside it; where one is halved for its deviation, the feed would else
+have to jump with the length of blocks, and an axis' speed with it."""
+SHORT = 0.05
+"""mm; blocks shorter than this are not halved to be more even: some passes begin or end with a scrap."""
 CHECKS_PER_BLOCK = 7
 """Places within each block where the deviation is checked; it is a bump with one top, or two and a zero between."""
 CHECK_SLACK = 0.97
@@ -74,7 +79,7 @@ def space_blocks(
         for index, ride in enumerate(rides):
             t = times[index]
             own = words[index][len(links[index][0]) :][: len(t)]
-            fails = block_deviation(ride, t, own, machine) > limit
+            fails = (block_deviation(ride, t, own, machine) > limit) | _uneven(ride, t)
             if fails.any():
                 done = False
                 times[index] = np.sort(np.concatenate([t, 0.5 * (t[:-1] + t[1:])[fails]]))
@@ -153,6 +158,16 @@ def _planned_times(ride: Ride, machine: Machine, label: str) -> Array:
             break
         blocks = max(blocks + 1, int(np.ceil(blocks * np.sqrt(worst))))
     return np.asarray(times)
+
+
+def _uneven(ride: Ride | PassRide, t: Array) -> npt.NDArray[np.bool_]:
+    """Which blocks between times t (N,) are more than `UNEVEN` times as long as one beside them, (N - 1,)."""
+    tip, axis = ride.poses(t)
+    length = np.linalg.norm(np.diff(tip + ride.contact[0] * axis, axis=0), axis=1)
+    uneven = np.zeros(len(length), dtype=np.bool_)
+    uneven[1:] |= length[1:] > UNEVEN * length[:-1]
+    uneven[:-1] |= length[:-1] > UNEVEN * length[1:]
+    return np.asarray(uneven & (length > SHORT))
 
 
 def _graded(length: Array, t: Array) -> Array:

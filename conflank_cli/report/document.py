@@ -27,10 +27,10 @@ from conflank_cli.report.packing import Packer
 from conflank_cli.report.tables import Cut, page_body
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
-from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.axes import drive
+from conflank_cli.verification.evaluation import inside_rows
 from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.result import Verification
-from conflank_cli.verification.sampling import inside_rows
 
 Array = npt.NDArray[np.float64]
 Bytes = npt.NDArray[np.uint8]
@@ -136,7 +136,7 @@ def report_html(
     for each in reach:
         values = _reach_values(maps[each.face], each)
         pack.exact(f"face{each.face}_{labels[each.tool, each.engaged]}", values, "u1")
-    _pack_poses(pack, posed)
+    _pack_poses(pack, posed, scene)
     foreign = scene.check.face < 0
     for name, chosen in (("rest", ~foreign), ("obstacle", foreign)):
         vertices, triangles = _compact(scene.check, chosen)
@@ -227,14 +227,14 @@ def _pose_at(posed: PosedProgram, spot: Spot) -> int | None:
     return int(found[-1]) if len(found) else None
 
 
-def _pack_poses(pack: Packer, posed: PosedProgram) -> None:
+def _pack_poses(pack: Packer, posed: PosedProgram, scene: Scene) -> None:
     moves = posed.poses.moves
     pack.exact("tip", posed.poses.tip, "f8")
     pack.exact("axis", posed.poses.axis, "f8")
     pack.exact("point", moves.point, "f4")
     pack.exact("rotary", np.degrees(moves.rotary), "f4")
     pack.exact("feed", moves.feed, "f4")
-    pack.exact("seconds", move_times(posed.poses), "f4")
+    pack.exact("seconds", drive(posed, scene).seconds, "f4")
     pack.whole("block", moves.block, "i4")
     pack.whole("cut", moves.cut, "i2")
     pack.whole("tool", moves.tool, "i2")

@@ -29,7 +29,7 @@ from conflank_cli.report.picture_file import DPI, FORMATS
 from conflank_cli.report.render import Camera, Mesh, facet_mesh, grid_mesh, render
 from conflank_cli.scene import Scene
 from conflank_cli.sweep import Sweep
-from conflank_cli.verification.figures import move_times
+from conflank_cli.verification.axes import drive
 from conflank_cli.verification.posed import PosedProgram
 
 Array = npt.NDArray[np.float64]
@@ -211,7 +211,7 @@ def _areas(shown: FaceGrid) -> Array:
 def axes_figure(scene: Scene, posed: PosedProgram) -> Figure:
     """Rotary axes, programmed point and feed over time, the cuts behind them."""
     moves = posed.poses.moves
-    time = np.cumsum(move_times(posed.poses))
+    time = np.cumsum(drive(posed, scene).seconds)
     figure = Figure(figsize=(9.0, 6.5), facecolor="white", layout="constrained")
     rotary, linear, feed = figure.subplots(3, 1, sharex=True)
     if np.isfinite(moves.rotary).any():
@@ -224,7 +224,7 @@ def axes_figure(scene: Scene, posed: PosedProgram) -> Figure:
     linear.set_ylabel("programmed point, mm")
     known = np.isfinite(moves.feed)
     feed.step(time, np.where(known, moves.feed, np.nan), color="#333333", linewidth=1.0, where="pre")
-    feed.set(ylabel="feed, mm/min", xlabel="s; rapids at the assumed rate")
+    feed.set(ylabel="feed, mm/min", xlabel="s on the job's machine")
     for index, cut in enumerate(posed.program.cuts):
         own = np.flatnonzero(moves.cut == index)
         if len(own) == 0:

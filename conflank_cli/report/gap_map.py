@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.geometry.face import DesignFace
+from conflank_cli.verification.evaluation import evaluate_grid, inside_rows
 from conflank_cli.verification.posed import PosedProgram
-from conflank_cli.verification.sampling import evaluate_grid, inside_rows
 from conflank_cli.verification.swept import gaps_of
 
 Array = npt.NDArray[np.float64]

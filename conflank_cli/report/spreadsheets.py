@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from msgspec.structs import asdict
 
-from conflank_cli.verification.figures import move_times
+from conflank_cli.scene import Scene
+from conflank_cli.verification.axes import drive
 from conflank_cli.verification.posed import PosedProgram
 from conflank_cli.verification.result import CutFigures, Verification
 
@@ -29,10 +30,10 @@ def cuts_csv(verification: Verification) -> str:
     return _written(["kind", *CutFigures.__struct_fields__], ([kind, *asdict(cut).values()] for kind, cut in every))
 
 
-def poses_csv(posed: PosedProgram) -> str:
+def poses_csv(posed: PosedProgram, scene: Scene) -> str:
     """Every pose of a program: block, cut, tip and axis in the CAD frame, rotary axes, feed, when it is reached."""
     moves, cuts = posed.poses.moves, posed.program.cuts
-    time = np.cumsum(move_times(posed.poses))
+    time = np.cumsum(drive(posed, scene).seconds)
     letters = list(posed.program.rotary_letters)
     heading = ["block", "cut", "x_mm", "y_mm", "z_mm", "i", "j", "k", *(f"{letter.lower()}_deg" for letter in letters)]
     rows = (

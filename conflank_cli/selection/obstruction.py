@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from conflank_cli.geometry.collision import COMPONENTS, REACH, Collider
+from conflank_cli.geometry.collision import COMPONENTS, DESIGN, REACH, Collider
 from conflank_cli.machine_frame import reachable_axes
 from conflank_cli.motion import Motion
 from conflank_cli.tool import Tool
@@ -57,7 +57,7 @@ def obstruction_at(
     found = collider.poses(p, d, tool, REACH if inside else 0.0)
     lack = np.where(reached[:, None], found.slack, np.inf)
     if not design:
-        own = np.array([body.name == "design face" for body in collider.bodies], dtype=np.bool_)
+        own = np.array([body.name == DESIGN for body in collider.bodies], dtype=np.bool_)
         touching = (found.body >= 0) & own[np.maximum(found.body, 0)] if len(own) else np.zeros(lack.shape, np.bool_)
         touching[:, [COMPONENTS.index("shank"), COMPONENTS.index("holder")]] = False
         lack[touching] = np.inf

@@ -39,9 +39,8 @@ def disagreements(program: Program, job: Job, tools: Sequence[Tool | None]) -> l
     tools: the cutter of every tool call, None where it is not known.
     """
     feed = ~program.moves.rapid
-    findings = _spindle(program, tools, feed)
+    findings = _spindle(program, tools, feed) + _coolant(program, job, feed)
     if program.control:
-        findings += _coolant(program, job, feed)
         findings += _preset(program, job)
         findings += _tolerance(program, job, tools, feed)
         findings += _sides(program, job)

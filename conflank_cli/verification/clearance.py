@@ -1,14 +1,23 @@
-"""How near each component of the cutter comes to what it must not touch."""
+"""How near each component of the cutter comes to what it must not touch.
+
+Every figure is the least over points that are on the faces themselves, where these are known: triangles are halved
+where a cutter may be near, each new point is put on the face, and the nearest places of all are looked at ever more
+closely.
+"""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import NamedTuple
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from conflank_cli.cores import beside
+from conflank_cli.geometry.face import CheckMesh, DesignFace
+from conflank_cli.once import Once
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification.figures import ROUNDING, of_program, place_of, triple
@@ -18,6 +27,7 @@ from conflank_cli.verification.gap import (
     BodyMotion,
     ball_body,
     cone_body,
+    frustum_body,
     section_bodies,
     spatial_order,
 )
@@ -27,130 +37,251 @@ from conflank_cli.verification.result import (
     Clearances,
     Place,
 )
-from conflank_cli.verification.sampling import (
-    DESIGN_SPACING,
-    FaceSample,
-    MeshSample,
-    Places,
-    largest,
-)
+from conflank_cli.verification.surroundings import MeshSample, Surroundings, largest
 from conflank_cli.verification.swept import CutMoves, by_tool
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 _NEAR = 5.0
-"""The mesh is sampled this far around what the tool passes through, mm; beyond it nothing is near."""
-
+"""What stands around is looked at this far from what the tool passes through, mm; beyond it nothing is near."""
 
 FINEST = 0.15
-"""Points of a mesh are so far apart at last, mm: between them a cutter of radius r comes nearer by 0.0038 mm^2 / r at
-most, 2.5 um at 1.5 mm."""
+"""Pieces are halved to this size where something may be too near, mm: between their corners a cutter of radius r comes
+nearer by 0.0038 mm^2 / r at most, 2.5 um at 1.5 mm."""
 
+CLOSEST = 2e-4
+"""The nearest of them are halved on to this size, mm: what is left is far below 0.05 um, at the edge of a disc too."""
+
+_NEAREST = 128
+"""How many pieces are looked at so closely, of each kind of target and component."""
+
+_ROUND = 8.0
+"""Between the corners of a piece of size h something may come nearer by h^2 over this, mm: by which the nearest are
+told, for radii of half a millimetre and more."""
 
 _COVER = 0.58
 """No place on a triangle is further from its nearest corner than this share of its longest side."""
 
+_SMOOTH = 0.42
+"""What is smooth comes nearer between the corners of a piece of size h by h^2 times this at most, 1/mm: half the square
+of `_COVER` over the radius at which tool and face bend towards each other, 0.4 mm and more. What has an edge may come
+nearer by as much as it is away from the corners."""
+
+_RIM = 1.0
+"""Of a cone this much below its upper edge is looked at as what has an edge, mm: more than a piece that counts as
+smooth reaches."""
 
 _FEW = 64
 """One point in so many is measured first, to tell how near the nearest of all is at most."""
 
+CUTTING = ("ball", "cone")
+"""Components that are meant to touch the part."""
 
-def _clearance(
-    stretches: list[CutMoves],
-    poses: Poses,
-    sample: MeshSample,
-    limits: Array,
-    pick: str,
-    code: str,
-    advice: str,
-) -> tuple[ClearanceFigures, list[Finding]]:
-    """Least distance of a component to sampled points, and a finding where the limit at a point is not kept.
+_TOO_NEAR = {"ball": "CF301", "cone": "CF302", "shank": "CF303", "holder": "CF304"}
 
-    A point inside a triangle is off the face behind it by up to its sag. For the cutter, which is meant to touch, that
-    is added to the distance, so that a mesh makes no gouges; for shank and holder, which are to stay away, it is taken
-    off.
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What components keep a distance from.
+
+    Attributes
+    ----------
+    name: "obstacle", "neighbour" (faces of the part beside the design faces), "rest" (of design faces, outside of their
+        regions) or "design".
+    stands: where it is.
     """
-    sign = 1.0 if pick in ("ball", "cone") else -1.0
+
+    name: str
+    stands: Surroundings
+
+
+@lru_cache(maxsize=1)
+def _neighbours(surfaces: Once[tuple[DesignFace, ...]], mesh: Once[CheckMesh]) -> Surroundings:
+    """Faces of the part that nothing may touch; kept, since the copies of a pattern have the same."""
+    every = mesh()
+    return Surroundings.of(every.only(every.face >= 0), surfaces())
+
+
+def targets_of(scene: Scene) -> tuple[Target, ...]:
+    """All targets of a scene that there are."""
+    nothing, every = scene.check.only(np.zeros(len(scene.check.face), dtype=np.bool_)), scene.check
+    found = (
+        Target("neighbour", _neighbours(scene.surfaces, scene.mesh)),
+        Target("rest", Surroundings.of(nothing, scene.rest)),
+        Target("design", Surroundings.of(nothing, scene.faces)),
+        Target("obstacle", Surroundings.of(every.only(every.face < 0))),
+    )
+    return tuple(target for target in found if len(target.stands.corners.pieces))
+
+
+def limit_of(component: str, target: str, scene: Scene) -> float | None:
+    """The least distance that a component has to keep from a target, mm; None where there is none.
+
+    Beside the design faces, and in what is left of them, the cutter may cut as deep as in the design faces. Right above
+    the cone a shank of the same radius runs out of the cut tangentially: it may graze what the cone has just finished,
+    but not cut it.
+    """
+    margin, tolerance = scene.job.obstacles.margin, scene.job.tolerance
+    # What an allowance is left on is the same distance further away.
+    own = tolerance.allowance - tolerance.overcut
+    if component == "holder":
+        return margin.holder
+    if target == "obstacle":
+        return margin.cutter if component in CUTTING else margin.shank
+    if target == "neighbour":
+        return -tolerance.overcut if component in CUTTING else margin.shank
+    # What the cutter leaves on a design face is its swept gap.
+    return own if component == "shank" or target == "rest" else None
+
+
+class _Nearest(NamedTuple):
+    """The nearest place of a target: distance, mm, the point, its face, the move and share of it at which that is.
+
+    beyond: at how many of the points looked at the limit is not kept.
+    """
+
+    distance: float
+    point: Array
+    face: int
+    move: int
+    share: float
+    beyond: int
+
+
+class _Measured(NamedTuple):
+    """Distances of N points, inf where they were not below what was asked, and the moves and shares."""
+
+    distance: Array
+    move: Integers
+    share: Array
+
+    def then(self, other: _Measured) -> _Measured:
+        """These and then others."""
+        return _Measured(
+            np.concatenate([self.distance, other.distance]),
+            np.concatenate([self.move, other.move]),
+            np.concatenate([self.share, other.share]),
+        )
+
+    def ordered(self, order: Integers) -> _Measured:
+        """The same in another order."""
+        return _Measured(self.distance[order], self.move[order], self.share[order])
+
+
+def _measured(motions: Sequence[BodyMotion], points: Array, sag: Array, mark: Array) -> _Measured:
+    """Distance of points (N, 3) to bodies in motion, where it is below a mark (N,).
+
+    The true face may be nearer than a point by its sag (N,), which is taken off.
+    """
+    count = len(points)
+    distance, move, share = np.full(count, np.inf), np.full(count, -1, dtype=np.int64), np.zeros(count)
+    for motion in motions if count else ():
+        found = motion.below(points, np.minimum(mark, distance) + sag)
+        where = found.chosen
+        distance[where] = found.distance - sag[where]
+        move[where], share[where] = found.move, found.share
+    return _Measured(distance, move, share)
+
+
+class _Search(NamedTuple):
+    """One way of looking for what is near.
+
+    by: motions of the bodies by which it is looked for; to: of those by which the nearest places are measured.
+    smooth: whether the bodies have no edge that matters.
+    """
+
+    by: Sequence[BodyMotion]
+    to: Sequence[BodyMotion]
+    smooth: bool
+
+
+def _searches(stretches: list[CutMoves], component: str) -> list[_Search]:
+    """How a component is looked for."""
+
     # What the axis does between blocks does not matter here: both ways are one motion.
-    motions = [
-        BodyMotion.of(join_cells(list(stretch.cells)), body)
-        for stretch in stretches
-        for body in _component(stretch.tool, pick)
-    ]
-    values = np.full(len(limits), np.inf)
-    moves, shares = np.full(len(limits), -1, dtype=np.int64), np.zeros(len(limits))
+    def moving(name: str) -> list[BodyMotion]:
+        return [
+            BodyMotion.of(join_cells(list(stretch.cells)), body)
+            for stretch in stretches
+            for body in _component(stretch.tool, name)
+        ]
 
-    def measure(chosen: Integers, mark: Array) -> None:
-        """Fill in the distances of the chosen points, sag counted, where they are below the mark."""
-        for motion in motions if len(chosen) else ():
-            sag = sign * sample.sag[chosen]
-            found = motion.below(sample.points[chosen], np.minimum(mark, values[chosen]) - sag)
-            where = chosen[found.chosen]
-            values[where] = found.distance + sag[found.chosen]
-            moves[where], shares[where] = found.move, found.share
+    own = moving(component)
+    if component == "cone":
+        return [_Search(own, own, smooth=True), _Search(moving("rim"), own, smooth=False)]
+    return [_Search(own, own, smooth=component == "ball")] if own else []
 
-    everything = np.arange(len(limits))
-    # A few points first set the mark that the rest has to beat.
-    measure(everything[::_FEW], np.full(len(everything[::_FEW]), np.inf))
-    reach = np.maximum(limits, values.min(initial=np.inf))
-    # Between its corners a piece may come nearer. Where that could matter it is halved, and its middles are measured.
-    # The corners of a piece are of one face, and have the same limit.
-    blind = np.zeros(len(limits))
-    np.maximum.at(blind, sample.pieces, (_COVER * sample.longest + 2.0 * sample.piece_sag)[:, None])
-    reach += blind
-    measure(everything, reach)
-    while len(sample.pieces) and len(motions):
-        long = sample.longest
-        mark = np.maximum(limits[sample.pieces[:, 0]], values.min())
-        bound = -largest(-values[sample.pieces]) - _COVER * long - 2.0 * sample.piece_sag
-        chosen = (long > FINEST) & (bound < mark)
+
+def _unseen(sample: MeshSample, smooth: bool) -> Array:
+    """By how much something may come nearer within a piece than at its corners, (K,) mm; `smooth` for a ball."""
+    size = sample.longest
+    straight = _COVER * size
+    return np.asarray((np.minimum(straight, _SMOOTH * size**2) if smooth else straight) + sample.piece_sag)
+
+
+def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) -> _Nearest | None:
+    """The nearest place of a target to a component; None where nothing is below the limit or `least`, mm."""
+    motions = search.by
+    some = np.arange(len(sample.points))[::_FEW]
+    few = _measured(motions, sample.points[some], sample.sag[some], np.full(len(some), np.inf))
+    mark = max(limit, min(least, few.distance.min(initial=np.inf)))
+    # Between its corners a piece may come nearer. Where that could matter it is halved.
+    blind = np.zeros(len(sample.points))
+    np.maximum.at(blind, sample.pieces, (_COVER * sample.longest + sample.piece_sag)[:, None])
+    found = _measured(motions, sample.points, sample.sag, mark + blind)
+    closest: list[Integers] = []
+    sags: list[Array] = []
+    while True:
+        mark = max(limit, min(least, found.distance.min(initial=np.inf)))
+        bound = -largest(-found.distance[sample.pieces]) - _unseen(sample, search.smooth)
+        long, matters = sample.longest > FINEST, bound < mark
+        closest.append(sample.pieces[~long & matters])
+        sags.append(sample.piece_sag[~long & matters])
+        chosen = long & matters
         if not chosen.any():
             break
-        old, limit, reach = len(limits), limits[sample.pieces[chosen][:, 0]], (mark + _COVER * long)[chosen]
+        old, reach = len(sample.points), mark + _COVER * sample.longest[chosen] + sample.piece_sag[chosen]
         sample = sample.halved(chosen)
-        limits = np.concatenate([limits, limit])
-        values = np.concatenate([values, np.full(len(limit), np.inf)])
-        moves = np.concatenate([moves, np.full(len(limit), -1, dtype=np.int64)])
-        shares = np.concatenate([shares, np.zeros(len(limit))])
         order = spatial_order(sample.points[old:])
-        measure(old + order, (reach + 2.0 * sample.piece_sag[: len(limit)])[order])
-    least, least_at = np.inf, (-1, -1, 0.0)
-    worst, worst_at, count = 0.0, (-1, -1, 0.0), 0
-    hit = np.flatnonzero(moves >= 0)
-    if len(hit):
-        first = int(hit[values[hit].argmin()])
-        least, least_at = float(values[first]), (first, int(moves[first]), float(shares[first]))
-        lack = limits[hit] - ROUNDING - values[hit]
-        count = int((lack > 0.0).sum())
-        deepest = int(hit[lack.argmax()])
-        if lack.max() > 0.0:
-            worst, worst_at = float(lack.max()), (deepest, int(moves[deepest]), float(shares[deepest]))
-    findings = []
-    if worst_at[0] >= 0:
-        n, move, _ = worst_at
-        limit = float(limits[n])
-        amount = limit - worst - ROUNDING
-        block = int(poses.moves.block[move])
-        face = int(sample.face[n])
-        target = f"face {face}" if face >= 0 else "an obstacle"
-        findings.append(
-            Finding(
-                code,
-                f"{pick} {amount:.3f} mm from {target}, {limit:.3f} mm {advice}, block {block}"
-                + of_program(poses, move),
-                block,
-                triple(np.round(sample.points[n], 6)),
-                round(amount, 6),
-                round(limit, 6),
-                "mm",
-                count,
-            )
-        )
-    if least_at[0] < 0:
-        return ClearanceFigures(None, None), findings
-    place = place_of(poses, sample.points[least_at[0]], int(sample.face[least_at[0]]), least_at[1], least_at[2])
-    return ClearanceFigures(round(least, 6), place), findings
+        back = np.argsort(order)
+        new = _measured(motions, sample.points[old:][order], sample.sag[old:][order], reach[order])
+        found = found.then(new.ordered(back))
+    beyond = int((found.distance < limit - ROUNDING).sum())
+    at = int(found.distance.argmin()) if len(found.distance) else -1
+    if at < 0 or found.move[at] < 0:
+        return None
+    place = _Nearest(
+        float(found.distance[at]), sample.points[at], int(sample.face[at]), int(found.move[at]),
+        float(found.share[at]), beyond,
+    )  # fmt: skip
+    return _closer(search.to, sample.with_pieces(np.concatenate(closest), np.concatenate(sags)), found.distance, place)
+
+
+def _closer(motions: Sequence[BodyMotion], sample: MeshSample, distance: Array, place: _Nearest) -> _Nearest:
+    """The nearest place, found by halving the nearest pieces on and on; distance: at the points of the sample, (N,)."""
+
+    def nearest_of(sample: MeshSample, distance: Array) -> Integers:
+        score = -largest(-distance[sample.pieces]) - sample.longest**2 / _ROUND
+        return np.argsort(score, kind="stable")[:_NEAREST]
+
+    chosen, kept = sample.only(nearest_of(sample, distance))
+    distance = distance[kept]
+    while len(chosen.pieces) and chosen.longest.max() > CLOSEST:
+        # Nowhere is it further than from the nearest corner of all, and from there to the place.
+        reach = -largest(-distance[chosen.pieces]) + chosen.longest + chosen.piece_sag
+        old, chosen = len(chosen.points), chosen.halved(np.ones(len(chosen.pieces), dtype=np.bool_))
+        new = _measured(motions, chosen.points[old:], chosen.sag[old:], reach)
+        at = int(new.distance.argmin())
+        if new.distance[at] < place.distance:
+            place = place._replace(
+                distance=float(new.distance[at]), point=chosen.points[old + at], face=int(chosen.face[old + at]),
+                move=int(new.move[at]), share=float(new.share[at]),
+            )  # fmt: skip
+        distance = np.concatenate([distance, new.distance])
+        chosen, kept = chosen.only(nearest_of(chosen, distance))
+        distance = distance[kept]
+    return place
 
 
 def _component(tool: Tool, name: str) -> tuple[Body, ...]:
@@ -158,6 +289,10 @@ def _component(tool: Tool, name: str) -> tuple[Body, ...]:
         return (ball_body(tool),)
     if name == "cone":
         return (cone_body(tool),)
+    if name == "rim":
+        low = max(tool.length - _RIM, 0.0)
+        radius = tool.r_min + (tool.r_max - tool.r_min) * low / tool.length
+        return (frustum_body("rim", low - tool.tip_height, radius, tool.length - tool.tip_height, tool.r_max),)
     shank, holder = section_bodies(tool)
     return shank if name == "shank" else holder
 
@@ -173,75 +308,79 @@ def _reach_box(poses: Poses, tools: list[Tool]) -> tuple[Array, Array]:
     return ends.min(axis=0) - radius - _NEAR, ends.max(axis=0) + radius + _NEAR
 
 
-def _sagged(figures: list[ClearanceFigures]) -> ClearanceFigures:
-    known = [item for item in figures if item.least is not None]
-    return min(known, key=lambda item: item.least or 0.0) if known else ClearanceFigures(None, None)
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """What there is to say of a component: how near it comes, the findings, and the deepest cut beside the faces."""
+
+    figures: ClearanceFigures
+    findings: tuple[Finding, ...]
+    overcut: tuple[float, Place] | None
 
 
-def _thinned(sample: FaceSample) -> npt.NDArray[np.bool_]:
-    """Which points of a face to keep for shank and holder to be held against."""
-    inner = int((sample.area > 0.0).sum())
-    stride = max(1, int(DESIGN_SPACING**2 * inner / float(sample.area.sum())))
-    return np.asarray((np.arange(len(sample.area)) % stride == 0) | (sample.area == 0.0))
+def _judged(
+    scene: Scene, poses: Poses, stretches: list[CutMoves], targets: Sequence[tuple[str, MeshSample]], component: str
+) -> _Judged:
+    """Check a component against all targets."""
+    searches = _searches(stretches, component)
+    least, figures = np.inf, ClearanceFigures(None, None)
+    findings: list[Finding] = []
+    overcut: tuple[float, Place] | None = None
+    for target, sample in targets:
+        limit = limit_of(component, target, scene)
+        found: _Nearest | None = None
+        if limit is None:
+            continue
+        for search in searches:
+            near = _nearest(search, sample, limit, least if found is None else min(least, found.distance))
+            found = near if found is None or (near is not None and near.distance < found.distance) else found
+        if found is None:
+            continue
+        place = place_of(poses, found.point, found.face, found.move, found.share)
+        if found.distance < least:
+            least, figures = found.distance, ClearanceFigures(round(found.distance, 6), place)
+        if found.distance < limit - ROUNDING:
+            findings.append(_finding(poses, component, target, limit, found))
+        # Of a design face with an allowance what counts is the face it is left on.
+        deep = -found.distance + (scene.job.tolerance.allowance if target == "rest" else 0.0)
+        if component in CUTTING and target != "obstacle" and deep > (0.0 if overcut is None else overcut[0]):
+            overcut = deep, place
+    return _Judged(figures, tuple(findings), overcut)
+
+
+def _finding(poses: Poses, component: str, target: str, limit: float, found: _Nearest) -> Finding:
+    block = int(poses.moves.block[found.move])
+    name = f"face {found.face}" if found.face >= 0 else "an obstacle"
+    return Finding(
+        "CF203" if component in CUTTING and target != "obstacle" else _TOO_NEAR[component],
+        f"{component} {found.distance:.3f} mm from {name}, {limit:.3f} mm is the least allowed, block {block}"
+        + of_program(poses, found.move),
+        block,
+        triple(np.round(found.point, 6)),
+        round(found.distance, 6),
+        round(limit, 6),
+        "mm",
+        max(found.beyond, 1),
+    )
 
 
 def clearances_of(
-    scene: Scene, poses: Poses, stretches: list[CutMoves], places: Places
+    scene: Scene, poses: Poses, stretches: list[CutMoves], targets: Sequence[Target]
 ) -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
-    """Clearance of every component, its findings, and the deepest overcut into the faces next to the design faces."""
-    margin, overcut = scene.job.obstacles.margin, scene.job.tolerance.overcut
+    """Clearance of every component, its findings, and the deepest overcut into faces that are no design faces."""
     low, high = _reach_box(poses, [stretch.tool for stretch in stretches])
-    mesh, samples = places.around.near(low, high), places.samples
-    numbers = np.concatenate(
-        [np.full(len(sample.points), face.number) for face, sample in zip(scene.faces, samples, strict=True)]
-    ).astype(np.int64)
-    spread = np.concatenate([_thinned(sample) for sample in samples])
-    numbers = numbers[spread]
-    design = MeshSample.of_points(np.concatenate([sample.points for sample in samples])[spread], numbers)
+    near = [(target.name, target.stands.near(low, high)) for target in targets]
     stretches = by_tool(stretches)
-    foreign = mesh.face < 0
-
-    def around(name: str, code: str, kept: float) -> tuple[ClearanceFigures, list[Finding]]:
-        cutter = name in ("ball", "cone")
-        limits = np.where(foreign, kept, -overcut if cutter else kept)
-        figures, found = _clearance(stretches, poses, mesh, limits, name, code, "is the least allowed")
-        return figures, [
-            msgspec.structs.replace(item, code="CF203")
-            if cutter and item.limit is not None and item.limit < 0.0
-            else item
-            for item in found
-        ]
-
-    def faces(name: str, code: str, limit: float) -> tuple[ClearanceFigures, list[Finding]]:
-        return _clearance(stretches, poses, design, np.full(len(numbers), limit), name, code, "is the least allowed")
-
-    # Right above the cone a shank of the same radius runs out of the cut tangentially: it may graze what the cone has
-    # just finished, but not cut it. The holder keeps its margin from everything. The longest task comes first.
-    cone, ball, shank, shank_face, holder, holder_face = beside(
-        [
-            partial(around, "cone", "CF302", margin.cutter),
-            partial(around, "ball", "CF301", margin.cutter),
-            partial(around, "shank", "CF303", margin.shank),
-            partial(faces, "shank", "CF303", -overcut),
-            partial(around, "holder", "CF304", margin.holder),
-            partial(faces, "holder", "CF304", margin.holder),
-        ]
+    # The longest task comes first.
+    cone, ball, shank, holder = beside(
+        [partial(_judged, scene, poses, stretches, near, name) for name in ("cone", "ball", "shank", "holder")]
     )
-    every = {"ball": [ball], "cone": [cone], "shank": [shank, shank_face], "holder": [holder, holder_face]}
-    findings = [finding for each in every.values() for _, found in each for finding in found]
-    result = {name: _sagged([figures for figures, _ in each]) for name, each in every.items()}
-    next_to: tuple[float, Place] | None = None
-    for name in ("ball", "cone"):
-        near = result[name]
-        if (
-            near.least is not None
-            and near.at is not None
-            and near.least < 0.0
-            and near.at.face >= 0
-            and (next_to is None or near.least < -next_to[0])
-        ):
-            next_to = (-near.least, near.at)
-    return Clearances(result["ball"], result["cone"], result["shank"], result["holder"]), findings, next_to
+    every = (ball, cone, shank, holder)
+    cuts = [each.overcut for each in (ball, cone) if each.overcut is not None]
+    return (
+        Clearances(*(each.figures for each in every)),
+        [finding for each in every for finding in each.findings],
+        max(cuts, key=lambda cut: cut[0], default=None),
+    )
 
 
 def no_clearances() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import radians
 
 import numpy as np
@@ -18,17 +17,10 @@ from conflank_cli.verification.result import (
     Pose,
     Triple,
 )
-from conflank_cli.verification.sampling import (
-    FaceSample,
-)
 from conflank_cli.verification.swept import SweptGap
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
-
-RAPID_RATE = 20_000.0
-"""Assumed rate of rapids, mm/min; a program does not state it, and the time is no finding."""
-
 
 ROUNDING = 1e-7
 """Slack of a limit for floating-point noise, mm."""
@@ -62,17 +54,6 @@ def place_of(poses: Poses, point: Array, face: int, move: int, share: float) -> 
         Pose(triple(np.round(tips[0], 6)), triple(np.round(axes[0], 9))),
         poses.moves.program(move),
     )
-
-
-def move_times(poses: Poses) -> Array:
-    """Seconds each move takes, (N,): way of the programmed point over feed, rapids at the assumed rate."""
-    moves = poses.moves
-    if len(moves.block) == 0:
-        return np.zeros(0)
-    way = np.linalg.norm(np.diff(moves.point, axis=0, prepend=moves.point[:1]), axis=1)
-    rate = np.where(moves.rapid, RAPID_RATE, moves.feed)
-    known = moves.joined & np.isfinite(rate) & (rate > 0.0)
-    return np.where(known, 60.0 * way / np.where(known, rate, 1.0), 0.0)
 
 
 def contact_length(poses: Poses, moves: Integers) -> float:
@@ -124,20 +105,3 @@ def control_tolerance(program: Program, tools: list[Tool]) -> float | None:
         return None
     height = max(tool.length - tool.tip_height for tool in tools)
     return program.tolerance[0] + height * radians(program.tolerance[1])
-
-
-def largest_step(samples: Sequence[FaceSample], swept: SweptGap, covered: npt.NDArray[np.bool_]) -> float | None:
-    """Largest difference of the gap across the border of two patches, mm."""
-    if len(swept.by_cut) < 2:
-        return None
-    ruler = np.where(np.isfinite(swept.by_cut.min(axis=0)), swept.by_cut.argmin(axis=0), -1)
-    first = 0
-    steps = []
-    for sample in samples:
-        pairs = sample.neighbours + first
-        a, b = pairs[:, 0], pairs[:, 1]
-        border = (ruler[a] != ruler[b]) & (ruler[a] >= 0) & (ruler[b] >= 0) & covered[a] & covered[b]
-        steps.append(np.abs(swept.gap[a] - swept.gap[b])[border])
-        first += len(sample.points)
-    every = np.concatenate(steps)
-    return float(every.max()) if len(every) else None

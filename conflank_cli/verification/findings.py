@@ -52,7 +52,7 @@ class Finding(Struct, frozen=True, omit_defaults=False):
     block: number of the block in the program (its line where blocks are not numbered), if it has one.
     place: point in the CAD frame, mm, if it has one.
     amount, limit: the value found and the one allowed, in `unit`.
-    unit: "um", "mm", "deg", "1" or "".
+    unit: "um", "mm", "deg", "1", "mm/min", "mm/s", "mm/s2", "mm/s3", "deg/s", "deg/s2", "deg/s3" or "".
     count: how many times the same thing occurs; block and place are then those of the first or worst.
     """
 

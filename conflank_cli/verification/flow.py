@@ -10,7 +10,7 @@ from conflank_cli.verification.recorder import Recorder
 DEEPEST = 20
 """Levels of calls; the control allows fewer."""
 
-MOST_AGAIN = 500_000
+MOST_AGAIN = 100_000
 """Blocks that are run again, by repetitions, calls and jumps, before a program is given up."""
 
 

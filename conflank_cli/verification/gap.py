@@ -225,31 +225,49 @@ def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.i
     return result
 
 
-def below_either(points: Array, ways: Sequence[Cells], body: Body, start: Array) -> list[Below]:
-    """As `BodyMotion.below`, for each of the motions that a program may mean, whose cells have the same tips.
+@dataclass(frozen=True, slots=True)
+class EitherMotion:
+    """The motions of a body that a program may mean, whose cells have the same tips, made ready for the kernel.
 
-    The axis of a body in the second is turned by little against that in the first. A point y from the tip is, for a
-    turn by at most w, nearer or further by at most w |y|: so the first tells which points matter to the second at all,
-    and what is to be beaten there.
+    Attributes
+    ----------
+    motions: each of them.
+    turn: the most that their axes are apart, as the length of a vector.
     """
-    motions = [BodyMotion.of(cells, body) for cells in ways]
-    if len(motions) < 2:
-        return [motion.below(points, start) for motion in motions]
-    # Not nothing: that times no limit would be no number.
-    turn = max(np.finfo(np.float64).tiny, *(_turn_between(ways[0], other) for other in ways[1:]))
-    reach = hypot(max(abs(body.low), abs(body.high)), body.radius)
 
-    def with_turn(distance: Array) -> Array:
-        return np.asarray(distance + turn * (reach + np.maximum(distance, 0.0)) + _ROUNDING)
+    motions: tuple[BodyMotion, ...]
+    turn: float
 
-    first = motions[0].below(points, with_turn(start))
-    near, limit = points[first.chosen], start[first.chosen]
-    begin = np.minimum(limit, with_turn(first.distance))
-    result = [first.only(first.distance < limit)]
-    for motion in motions[1:]:
-        own = motion.below(near, begin)
-        result.append(replace(own, chosen=first.chosen[own.chosen]))
-    return result
+    @classmethod
+    def of(cls, ways: Sequence[Cells], body: Body) -> EitherMotion:
+        """Prepare motions."""
+        # Not nothing: that times no limit would be no number.
+        turn = max((_turn_between(ways[0], other) for other in ways[1:]), default=0.0)
+        return cls(tuple(BodyMotion.of(cells, body) for cells in ways), max(turn, float(np.finfo(np.float64).tiny)))
+
+    def below(self, points: Array, start: Array) -> list[Below]:
+        """As `BodyMotion.below`, for each of the motions.
+
+        The axis of the body in the second is turned by little against that in the first. A point y from the tip is, for
+        a turn by at most w, nearer or further by at most w |y|: so the first tells which points matter to the second at
+        all, and what is to be beaten there.
+        """
+        if len(self.motions) < 2:
+            return [motion.below(points, start) for motion in self.motions]
+        body = self.motions[0].body
+        reach = hypot(max(abs(body.low), abs(body.high)), body.radius)
+
+        def with_turn(distance: Array) -> Array:
+            return np.asarray(distance + self.turn * (reach + np.maximum(distance, 0.0)) + _ROUNDING)
+
+        first = self.motions[0].below(points, with_turn(start))
+        near, limit = points[first.chosen], start[first.chosen]
+        begin = np.minimum(limit, with_turn(first.distance))
+        result = [first.only(first.distance < limit)]
+        for motion in self.motions[1:]:
+            own = motion.below(near, begin)
+            result.append(replace(own, chosen=first.chosen[own.chosen]))
+        return result
 
 
 def _turn_between(one: Cells, other: Cells) -> float:

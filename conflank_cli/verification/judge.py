@@ -12,23 +12,24 @@ from conflank_cli.cores import threads
 from conflank_cli.scene import Scene
 from conflank_cli.tool import Tool
 from conflank_cli.verification import pattern
+from conflank_cli.verification.axes import Driven, contact_feeds, drive, labelled_cuts
 from conflank_cli.verification.clearance import clearances_of, no_clearances
 from conflank_cli.verification.contact import in_contact
+from conflank_cli.verification.extremes import face_extremes, gap_on
 from conflank_cli.verification.figures import (
-    RAPID_RATE,
     ROUNDING,
     contact_length,
     control_tolerance,
-    largest_step,
     micrometres,
-    move_times,
     place_of,
     worst_gouges,
 )
 from conflank_cli.verification.findings import Finding
+from conflank_cli.verification.places import Places
 from conflank_cli.verification.posed import pose_program
 from conflank_cli.verification.poses import Poses
 from conflank_cli.verification.program import RETRACT_CHECKED, Moves, Program
+from conflank_cli.verification.record import against
 from conflank_cli.verification.result import (
     Clearances,
     CutFigures,
@@ -39,13 +40,15 @@ from conflank_cli.verification.result import (
 )
 from conflank_cli.verification.sampling import (
     POINTS_PER_FACE,
-    Places,
     sample_face,
 )
-from conflank_cli.verification.swept import moves_by_cut, swept_gap
+from conflank_cli.verification.swept import SweptMotions, moves_by_cut
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+
+WITHIN_MOVE = 0.01
+"""A move that has a point of the face nearest to it farther than this share from both of its ends cuts there."""
 
 _COARSE_POINTS = 2000
 """Points of a face by which it is told which copy of it a cut is for, about."""
@@ -80,13 +83,15 @@ def verify_program(
     posed = pose_program(text, scene, called)
     program, tools, findings = posed.program, list(posed.tools), list(posed.findings)
     digest = _digest(text)
+    driven = drive(posed, scene)
+    findings += driven.findings
     copies = scene.job.setup.copies
     if copies.order == (0,):
-        return _judge(program, posed.poses, tools, scene, findings, name, digest, points_per_face)
+        return _judge(program, posed.poses, tools, scene, findings, driven, name, digest, points_per_face)
     surface = np.concatenate([sample_face(face, _COARSE_POINTS).points for face in scene.faces])
     owned = pattern.moves_by_copy(list(posed.by_copy), tools, surface)
     each = [
-        _judge(program, poses, tools, pattern.around(scene, turn), [], name, digest, points_per_face, own)
+        _judge(program, poses, tools, pattern.around(scene, turn), [], driven, name, digest, points_per_face, own)
         for poses, turn, own in zip(posed.by_copy, pattern.turns(copies), owned, strict=True)
     ]
     return pattern.joined(each, copies, findings)
@@ -98,6 +103,7 @@ def _judge(
     tools: list[Tool | None],
     scene: Scene,
     findings: list[Finding],
+    driven: Driven,
     name: str,
     digest: str,
     points_per_face: int,
@@ -118,27 +124,36 @@ def _judge(
     face_of = np.repeat(np.arange(len(samples)), [len(sample.points) for sample in samples])
     numbers = [face.number for face in scene.faces]
     kinds = [cut.kind for cut in program.cuts]
+    left = surface + tolerance.allowance * normals
     near = stretches if owned is None else moves_by_cut(poses, tools, owned)
 
     def clear() -> tuple[Clearances, list[Finding], tuple[float, Place] | None]:
-        return clearances_of(scene, poses, near, places) if stretches and near else no_clearances()
-
-    with threads() as pool:
-        clearing = pool.submit(clear)
-        swept = swept_gap(surface + tolerance.allowance * normals, stretches, kinds)
-        clearances, too_near, next_to = clearing.result()
-    gap = swept.gap
+        return clearances_of(scene, poses, near, places.targets) if stretches and near else no_clearances()
 
     def covers(values: Array) -> npt.NDArray[np.bool_]:
         return np.asarray((values >= -tolerance.overcut - ROUNDING) & (values <= tolerance.undercut + ROUNDING))
 
+    with threads() as pool:
+        clearing = pool.submit(clear)
+        motions = SweptMotions.of(stretches, kinds)
+        swept = motions.gap(left)
+        step: float | None = None
+        if stretches:
+            extremes = face_extremes(scene.faces, samples, swept, covers, gap_on(motions, tolerance.allowance))
+            step = extremes.step
+            # The worst places of all are points like others, which stand for no area.
+            swept = swept.then(extremes.swept)
+            surface, area = np.concatenate([surface, extremes.points]), np.append(area, np.zeros(len(extremes.face)))
+            face_of = np.append(face_of, extremes.face)
+        clearances, too_near, next_to = clearing.result()
+    gap = swept.gap
     covered = covers(gap)
     total = float(area.sum())
     coverage = float(area[covered].sum()) / total
     # A pass may gouge what a sweep has covered, but it cannot cover it for the sweep.
     coverage_flank = float(area[covers(swept.flank)].sum()) / total
 
-    findings += in_contact(program, poses, tools, surface + tolerance.allowance * normals, tolerance.undercut)
+    findings += in_contact(program, poses, tools, left, tolerance.undercut)
     findings += worst_gouges(gap, swept, face_of, poses, surface, numbers, tolerance.overcut)
     findings += too_near
     if coverage < scene.job.selection.coverage:
@@ -160,7 +175,13 @@ def _judge(
     if next_to is not None and next_to[0] > overcut:
         overcut, overcut_at = next_to
     absolute = np.abs(gap[covered & (area > 0.0)])
-    times = move_times(poses)
+    times = driven.seconds
+    cutting = np.zeros(len(moves.block), dtype=np.bool_)
+    # A retract leaves the face at its start, and an approach comes to it at its end: they do not cut there.
+    inside = (swept.share > WITHIN_MOVE) & (swept.share < 1.0 - WITHIN_MOVE)
+    cutting[swept.move[covered & inside & (swept.move >= 0)]] = True
+    labelled = labelled_cuts(program) if owned is None else labelled_cuts(program) & owned
+    findings += contact_feeds(poses, program, tools, scene, cutting, labelled, driven.load)
     sweeps: list[CutFigures] = []
     passes: list[CutFigures] = []
     for index, label in enumerate(program.cuts):
@@ -182,20 +203,20 @@ def _judge(
         )
         (sweeps if label.kind == "sweep" else passes).append(figures)
     control = control_tolerance(program, used)
-    step = largest_step(samples, swept, covered)
     known = bool(stretches)
     return Verification(
         program=name or program.name,
         program_sha256=digest,
         called_sha256={part.name: _digest(part.text) for part in program.called},
+        against=against(scene),
         judged={
             "interpolation": "worse of great circle and even rotary motion",
             "tools": ", ".join(sorted({tool.name for tool in used})),
             "frame": "header" if program.header.frame is not None else "job",
             "reference": program.header.reference or "TIP",
-            "rapid_rate_mm_min": RAPID_RATE,
+            "machine": scene.job.machine.name,
             "retract_checked_mm": RETRACT_CHECKED,
-            "points": float(len(surface)),
+            "points": float(sum(len(sample.points) for sample in samples)),
         },
         coverage=round(coverage, 9),
         coverage_flank=round(coverage_flank, 9),

@@ -36,7 +36,6 @@ _SAME_TOOL = 1e-3
 _SAME_DIRECTION = 1e-6
 """Directions of a rotary axis that differ by less than this are the same: the header gives twelve decimals."""
 
-_ROTARY_WORD = re.compile(r"(?<![A-Z_])I?([ABC])(?=[+-]?[\d.,Q])")
 _COMMENT = re.compile(r";.*|\([^)\n]*\)")
 
 
@@ -170,29 +169,21 @@ def _as_stated(name: str) -> str:
     return re.sub(r"[^!-}]", "_", name)[:40] or "_"
 
 
-def _by_machine(program: Program, machine: MachineModel) -> tuple[Program, list[Finding]]:
-    """The program with its rotary words read by the job's machine: its letters, directions and order."""
-    moves, letters = program.moves, program.rotary_letters
-    named = {letter for move in program.unknown for letter, value in move.words.items() if letter in "ABC" and value}
-    named |= {letter for k, letter in enumerate(letters) if np.nan_to_num(moves.rotary[:, k]).any()}
-    if missing := sorted(named - set(machine.letters)):
-        text = f"rotary axis {missing[0]}, which the job's machine {machine.name} does not have ({machine.letters})"
-        return program, [Finding("CF110", text)]
-    by_vector = np.isfinite(moves.vector).all(axis=1)
-    rotary = np.zeros((len(moves.block), 2))
-    # An axis that no word names stands at zero.
-    for column, letter in enumerate(machine.letters):
-        if letter in letters:
-            rotary[:, column] = np.nan_to_num(moves.rotary[:, letters.index(letter)])
-    # So do all where nothing turns any; elsewhere, with a vector, they stand wherever that wants them.
-    if named or not by_vector.all() or not np.all(moves.vector == [0.0, 0.0, 1.0]):
-        rotary[by_vector] = np.nan
-    return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary)), []
+def _by_machine(program: Program, machine: MachineModel) -> Program:
+    """The program with positions of the job's machine at every move, in its order, NaN where a vector tells them."""
+    moves, rotary = program.moves, program.moves.rotary
+    turned = any(value for move in program.unknown for letter, value in move.words.items() if letter in machine.letters)
+    if not turned and np.all(moves.vector == [0.0, 0.0, 1.0]):
+        # Nothing turns any axis: they stand at zero.
+        rotary = np.zeros_like(rotary)
+    return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary))
 
 
-def _named(texts: list[str]) -> frozenset[str]:
-    """Rotary letters that stand with a value anywhere in the text of programs, comments aside."""
-    return frozenset(found for text in texts for found in _ROTARY_WORD.findall(_COMMENT.sub("", text.upper())))
+def _named(texts: list[str], letters: str) -> frozenset[str]:
+    """Those of the rotary letters that stand with a value anywhere in the text of programs, comments aside."""
+    plain = [_COMMENT.sub("", text.upper()) for text in texts]
+    words = {letter: re.compile(rf"(?<![A-Z_])I?{letter}(?=[+-]?[\d.,Q])") for letter in letters}
+    return frozenset(letter for letter, word in words.items() if any(word.search(text) for text in plain))
 
 
 def _lengths(tools: list[Tool | None], gauge: Mapping[str, float]) -> tuple[float | None, ...]:
@@ -225,31 +216,23 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
         findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
     centre = reference == "SPHERE CENTRE"
     below = tuple(0.0 if tool is None or not centre else tool.ball_radius for tool in tools)
-    program, found = _by_machine(program, machine)
-    findings += found
-    rotary = program.moves.rotary
-    if not found:
-        zero, lengths = scene.job.machine.zero, _lengths(tools, scene.job.machine.gauge_length)
-        mounted = Mounted(
-            machine=machine,
-            standing=Standing.of(scene, frame),
-            tools=tuple(tools),
-            zero=None if zero is None else np.array(zero),
-            lengths=lengths,
-            below=below,
-            named=_named([text, *(part.text for part in program.called)]),
-            no_machine=not program.control,
-        )
-        ways = follow_ways(program, mounted)
-        program = replace(
-            program,
-            moves=ways.moves,
-            unknown=ways.unknown,
-            events=ways.events,
-            unknown_moves=ways.unknown_moves,
-        )
-        rotary = ways.rotary
-        findings += [*ways.findings, *_out_of_reach(ways, mounted)]
+    program = _by_machine(program, machine)
+    zero, lengths = scene.job.machine.zero, _lengths(tools, scene.job.machine.gauge_length)
+    mounted = Mounted(
+        machine=machine,
+        standing=Standing.of(scene, frame),
+        tools=tuple(tools),
+        zero=None if zero is None else np.array(zero),
+        lengths=lengths,
+        below=below,
+        named=_named([text, *(part.text for part in program.called)], machine.letters),
+        no_machine=not program.control,
+    )
+    ways = follow_ways(program, mounted)
+    program = replace(
+        program, moves=ways.moves, unknown=ways.unknown, events=ways.events, unknown_moves=ways.unknown_moves
+    )
+    findings += [*ways.findings, *_out_of_reach(ways, mounted)]
     moves = program.moves
     below_point = np.array([*below, 0.0])[moves.tool]
     poses = poses_on_part(moves, program.letters, frame, below_point)
@@ -257,7 +240,7 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
         poses_on_part(moves, program.letters, replace(frame, turned=turn), below_point)
         for turn in pattern.turns(scene.job.setup.copies)
     )
-    return PosedProgram(program, tuple(tools), poses, rotary, machine, by_copy, tuple(findings))
+    return PosedProgram(program, tuple(tools), poses, ways.rotary, machine, by_copy, tuple(findings))
 
 
 def _out_of_reach(ways: Ways, mounted: Mounted) -> list[Finding]:

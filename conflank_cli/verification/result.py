@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import re
+
 import msgspec
 from msgspec import Struct
 
-from conflank_cli.verification.findings import Finding
+from conflank_cli.errors import InputError
+from conflank_cli.verification.findings import CODES, Finding
 
 SCHEMA = "conflank.verification"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+
+_MAKER = "a verification as conflank verify writes it"
+_AGAIN = "Verify the program again: conflank verify PROGRAM --job JOB."
+_SHA256 = re.compile("[0-9a-f]{64}")
+_FILE_NAME = re.compile(r"(?!\.{1,2}$)[^/\\:\x00-\x1f]{1,255}")
+"""Name of a file in the folder of the program: no way out of it."""
 
 Triple = tuple[float, float, float]
 
@@ -93,14 +102,89 @@ class Clearances(Struct, frozen=True):
     holder: ClearanceFigures
 
 
-class Verification(Struct, frozen=True):
+class FileHash(Struct, frozen=True, forbid_unknown_fields=True):
+    """An input by name, and SHA-256 of its bytes; None where it was not read from a file."""
+
+    name: str
+    sha256: str | None
+
+
+class Limits(Struct, frozen=True, forbid_unknown_fields=True):
+    """What the cut was compared with.
+
+    Attributes
+    ----------
+    overcut_mm, undercut_mm, allowance_mm: the job's tolerance.
+    cutter_mm, shank_mm, holder_mm: distances to keep from obstacles.
+    coverage: share of the faces to cover.
+    """
+
+    overcut_mm: float
+    undercut_mm: float
+    allowance_mm: float
+    cutter_mm: float
+    shank_mm: float
+    holder_mm: float
+    coverage: float
+
+
+class Region(Struct, frozen=True, forbid_unknown_fields=True):
+    """A design face that was judged: its number, the side of the cutter, and (u0, u1, v0, v1) of it as fractions."""
+
+    face: int
+    side: str
+    region: tuple[float, float, float, float]
+
+
+class Placement(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the part stands on the machine.
+
+    Attributes
+    ----------
+    datum: number of the preset, or the shift of the datum from the active one, mm.
+    rotate_deg, translate: from the CAD frame to that of the program, degrees and mm.
+    copies_axis, copies_count: the rotary pattern.
+    copies: numbers of the copies that were judged, in the order they are cut.
+    """
+
+    datum: int | Triple
+    rotate_deg: Triple
+    translate: Triple
+    copies_axis: Triple
+    copies_count: int
+    copies: tuple[int, ...]
+
+
+class Against(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a program was judged against.
+
+    Attributes
+    ----------
+    program_version: version of conflank that judged.
+    part, obstacles, machine: the files by name, with their hashes; of a shipped machine that of its file.
+    job_sha256: of the resolved job, every default filled in, as JSON with sorted keys.
+    limits, regions, placement: the parts of the job that say what is right.
+    """
+
+    program_version: str
+    part: FileHash
+    obstacles: tuple[FileHash, ...]
+    machine: FileHash
+    job_sha256: str
+    limits: Limits
+    regions: tuple[Region, ...]
+    placement: Placement
+
+
+class Verification(Struct, frozen=True, forbid_unknown_fields=True):
     """The judgement of one program. See docs and the attributes' own classes; lengths in the units their names end in.
 
     Attributes
     ----------
     schema, schema_version: what this file is.
     program, program_sha256: name of the file and hash of its text.
-    judged: how it was judged: tools, frame, interpolation, assumed rapid rate and checked length of retracts.
+    against: what it was judged against: part, obstacles, job, machine, limits.
+    judged: how it was judged: tools, frame, interpolation, machine and checked length of retracts.
     coverage, coverage_flank: covered share of the trimmed faces, by everything and without the passes.
     overcut_max_um, overcut_max_at: deepest overcut into the design faces or the faces next to them (0: none).
     stock_max_um, stock_max_at: most stock left anywhere on the design faces; None where no pose is known.
@@ -110,16 +194,17 @@ class Verification(Struct, frozen=True):
     faces, sweeps, passes: the same by face and by cut. Of several copies the figures of a cut are those on the copy it
         covers most of, `gap_um` has the largest p99 of them, and points are where they are on that copy.
     clearance_mm: by component.
-    time_s: length over feed; rapids at the assumed rate.
+    time_s: of all moves whose way is known, with the speeds and accelerations of the job's machine.
     control_tolerance_um: T + h TA of the control's tolerance cycle, which comes on top at the machine; None where the
         program does not set it.
-    unknown_moves: moves after a retract, whose poses the text does not tell (positioning off the part).
+    unknown_moves: moves whose way is neither told by the text, nor followed on the machine, nor proven to be free.
     findings: what is wrong; empty for a program that may run.
     called_sha256: hash of each program that it calls, by name of file; they are judged with it.
     """
 
     program: str
     program_sha256: str
+    against: Against
     judged: dict[str, str | float]
     coverage: float
     coverage_flank: float
@@ -146,11 +231,66 @@ class Verification(Struct, frozen=True):
         return msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n"
 
 
-def from_json(data: bytes) -> Verification:
-    """Read a judgement back.
+class _Schema(Struct, frozen=True):
+    """The two keys that every version has."""
+
+    schema: str
+    schema_version: int
+
+
+def from_json(data: bytes, where: str = "verification") -> Verification:
+    """Read a verification back; `where` names its file in messages.
 
     Raises
     ------
-    msgspec.ValidationError: the JSON is no judgement.
+    InputError: not JSON, another schema or version, keys that are missing, unknown or of another type, a code or hash
+        that cannot be, or the name of a called program that leads out of the folder.
     """
-    return msgspec.json.decode(data, type=Verification)
+    try:
+        head = msgspec.json.decode(data, type=_Schema)
+        if head.schema != SCHEMA:
+            raise InputError(f"{where}: schema", repr(head.schema), repr(SCHEMA), _AGAIN)
+        if head.schema_version != SCHEMA_VERSION:
+            raise InputError(f"{where}: schema_version", str(head.schema_version), str(SCHEMA_VERSION), _AGAIN)
+        verification = msgspec.json.decode(data, type=Verification)
+    except msgspec.ValidationError as error:
+        raise _wrong_type(str(error), where) from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(where, f"invalid JSON ({error})", _MAKER, _AGAIN) from None
+    except RecursionError:
+        raise InputError(where, "JSON that is nested too deeply", _MAKER, _AGAIN) from None
+    _check(verification, where)
+    return verification
+
+
+def _wrong_type(message: str, where: str) -> InputError:
+    """Translate `Expected `int`, got `str` - at `$.a.b``; other messages of msgspec stay as they are."""
+    reason, _, place = message.partition(" - at `$")
+    key = place.rstrip("`").removeprefix(".")
+    where = f"{where}: {key}" if key else where
+    types = re.fullmatch(r"Expected (.+), got (.+)", reason.replace("`", ""))
+    if types is not None:
+        return InputError(where, types[2], types[1], _AGAIN)
+    return InputError(where, f"JSON that is no verification ({reason})", _MAKER, _AGAIN)
+
+
+def _check(verification: Verification, where: str) -> None:
+    """Refuse what the types allow and conflank never writes."""
+    against = verification.against
+    files = {"part": against.part, "machine": against.machine}
+    files |= {f"obstacles[{k}]": each for k, each in enumerate(against.obstacles)}
+    hashes = {"program_sha256": verification.program_sha256, "against.job_sha256": against.job_sha256}
+    hashes |= {f"against.{key}.sha256": each.sha256 for key, each in files.items() if each.sha256 is not None}
+    hashes |= {f"called_sha256.{name}": digest for name, digest in verification.called_sha256.items()}
+    for name in verification.called_sha256:
+        if _FILE_NAME.fullmatch(name) is None:
+            expected = "the name of a file in the program's folder"
+            raise InputError(f"{where}: called_sha256", repr(name), expected, _AGAIN)
+    for key, digest in hashes.items():
+        if _SHA256.fullmatch(digest) is None:
+            raise InputError(f"{where}: {key}", repr(digest), "64 hexadecimal digits", _AGAIN)
+    if verification.unknown_moves < 0:
+        raise InputError(f"{where}: unknown_moves", str(verification.unknown_moves), "a number >= 0", _AGAIN)
+    for k, finding in enumerate(verification.findings):
+        if finding.code not in CODES:
+            raise InputError(f"{where}: findings[{k}].code", repr(finding.code), "a code of this version", _AGAIN)

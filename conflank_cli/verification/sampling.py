@@ -1,21 +1,14 @@
-"""Points to judge a part at: on the trimmed design faces, and on the mesh of everything around them.
-
-Surfaces are evaluated with SciPy's B-splines, independently of the project's own kernels.
-"""
+"""Points to judge trimmed design faces at."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline, NdBSpline
 
-from conflank_cli.geometry.face import CheckMesh, DesignFace
-from conflank_cli.geometry.surface import BSplineSurface
-from conflank_cli.scene import Scene
-from conflank_cli.verification.gap import spatial_order
+from conflank_cli.geometry.face import DesignFace
+from conflank_cli.verification.evaluation import evaluate_grid, evaluate_points, inside_rows
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -26,17 +19,8 @@ POINTS_PER_FACE = 30_000
 BORDER_SPACING = 0.5
 """Spacing of the points on a face's border, mm."""
 
-DESIGN_SPACING = 1.0
-"""Spacing of the points of a design face that shank and holder are held against, mm."""
-
 _COARSE = 48
 """Cells a side of the coarse grid that tells how the parameters run over a face."""
-
-_WELD = 1e-6
-"""Vertices of a mesh nearer than this are one, mm."""
-
-_SMOOTH_EDGE = 0.7
-"""Triangles of a face that meet at a smaller cosine (at more than 45 deg) meet at an edge, not along a curved face."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,65 +32,20 @@ class FaceSample:
     points: (N, 3) mm, CAD frame.
     normals: (N, 3) unit normals out of the metal.
     area: (N,) area each stands for, mm2; 0 on the border.
-    neighbours: pairs of grid points next to each other, (Q, 2).
+    neighbours: pairs of points next to each other on the grid, (Q, 2).
+    along: pairs of points next to each other on the border, (B, 2).
+    uv: (N, 2) parameters of the points.
+    reach: (N, 2, 2) two ways in the parameter plane along which a point stands for what is up to that far away: on the
+        grid in both directions, on the border forward to the next point, with nothing for the second.
     """
 
     points: Array
     normals: Array
     area: Array
     neighbours: Integers
-
-
-def _homogeneous(surface: BSplineSurface) -> Array:
-    if surface.weights is None:
-        return surface.poles
-    return np.concatenate([surface.poles * surface.weights[..., None], surface.weights[..., None]], axis=2)
-
-
-def _cartesian(value: Array, by_u: Array, by_v: Array) -> tuple[Array, Array, Array]:
-    """Quotient rule where there is a fourth, homogeneous coordinate."""
-    if value.shape[-1] == 3:
-        return value, by_u, by_v
-    weight = value[..., 3:]
-    point = value[..., :3] / weight
-    return (
-        point,
-        (by_u[..., :3] - point * by_u[..., 3:]) / weight,
-        (by_v[..., :3] - point * by_v[..., 3:]) / weight,
-    )
-
-
-def evaluate_grid(surface: BSplineSurface, u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """S, S_u and S_v on the grid u x v, each (len(u), len(v), 3)."""
-    spline = BSpline(surface.knots_u, _homogeneous(surface), surface.degree_u)
-
-    def at(order_u: int, order_v: int) -> Array:
-        columns = np.moveaxis(spline(u, nu=order_u), 1, 0)
-        rows = BSpline(surface.knots_v, columns, surface.degree_v)(v, nu=order_v)
-        return np.ascontiguousarray(np.moveaxis(rows, 0, 1))
-
-    return _cartesian(at(0, 0), at(1, 0), at(0, 1))
-
-
-def evaluate_points(surface: BSplineSurface, uv: Array) -> tuple[Array, Array, Array]:
-    """S, S_u and S_v at parameter points (N, 2), each (N, 3)."""
-    u0, u1, v0, v1 = surface.domain
-    inside = np.clip(uv, [u0, v0], [u1, v1])
-    spline = NdBSpline((surface.knots_u, surface.knots_v), _homogeneous(surface), (surface.degree_u, surface.degree_v))
-    return _cartesian(*(np.asarray(spline(inside, nu=order)) for order in ((0, 0), (1, 0), (0, 1))))
-
-
-def inside_rows(loops: tuple[Array, ...], u: Array, v: Array) -> npt.NDArray[np.bool_]:
-    """Even-odd rule on the grid u x v: (len(u), len(v))."""
-    start = np.concatenate([loop for loop in loops])
-    end = np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
-    result = np.zeros((len(u), len(v)), dtype=np.bool_)
-    for column, value in enumerate(v):
-        crosses = (start[:, 1] > value) != (end[:, 1] > value)
-        first, last = start[crosses], end[crosses]
-        where = first[:, 0] + (value - first[:, 1]) / (last[:, 1] - first[:, 1]) * (last[:, 0] - first[:, 0])
-        result[:, column] = np.searchsorted(np.sort(where), u) % 2 == 1
-    return result
+    along: Integers
+    uv: Array
+    reach: Array
 
 
 def _cells_of_even_length(edges: Array, lengths: Array, count: int) -> tuple[Array, Array]:
@@ -151,18 +90,39 @@ def sample_face(face: DesignFace, count: int = POINTS_PER_FACE) -> FaceSample:
         for first, last in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
         for both in [(first >= 0) & (last >= 0)]
     ]
-    border_points, border_normals = _sample_border(face)
+    inner = int(kept.sum())
+    border, ways, along = _sample_border(face)
+    border_points, border_normals, sound = points_and_normals(face, border)
+    # At a pole of the surface the normal is not defined by its derivatives; the point next to it speaks for it.
+    number = np.where(sound, inner + np.cumsum(sound) - 1, -1)
+    along = number[along]
+    reach = np.zeros((inner, 2, 2))
+    rows, columns = np.nonzero(kept)
+    reach[:, 0, 0], reach[:, 1, 1] = du[rows], dv[columns]
+    ahead = np.stack([ways, np.zeros_like(ways)], axis=1)
     return FaceSample(
-        points=np.concatenate([points[kept], border_points]),
-        normals=np.concatenate([normals[kept] / size[kept][:, None], border_normals]),
-        area=np.concatenate([(size * du[:, None] * dv[None, :])[kept], np.zeros(len(border_points))]),
+        points=np.concatenate([points[kept], border_points[sound]]),
+        normals=np.concatenate([normals[kept] / size[kept][:, None], border_normals[sound]]),
+        area=np.concatenate([(size * du[:, None] * dv[None, :])[kept], np.zeros(int(sound.sum()))]),
         neighbours=np.concatenate(pairs),
+        along=along[(along >= 0).all(axis=1)],
+        uv=np.concatenate([np.stack([u[rows], v[columns]], axis=1), border[sound]]),
+        reach=np.concatenate([reach, ahead[sound]]),
     )
 
 
-def _sample_border(face: DesignFace) -> tuple[Array, Array]:
-    """Points and normals along the trimming loops."""
-    pieces = []
+def points_and_normals(face: DesignFace, uv: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Points and unit normals out of the metal, (N, 3), at parameters (N, 2), and where there is a normal."""
+    points, by_u, by_v = evaluate_points(face.surface, uv)
+    normals = face.sense * np.cross(by_u, by_v)
+    size = np.linalg.norm(normals, axis=1)
+    sound = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
+    return points, normals / np.where(sound, size, 1.0)[:, None], sound
+
+
+def _sample_border(face: DesignFace) -> tuple[Array, Array, Integers]:
+    """Parameters (B, 2) of points along the trimming loops, the way to the next (B, 2), and pairs of next ones."""
+    pieces, ways, pairs, count = [], [], [], 0
     for loop in face.loops:
         ends = np.roll(loop, -1, axis=0)
         way = np.linalg.norm(evaluate_points(face.surface, ends)[0] - evaluate_points(face.surface, loop)[0], axis=1)
@@ -170,202 +130,8 @@ def _sample_border(face: DesignFace) -> tuple[Array, Array]:
         owner = np.repeat(np.arange(len(loop)), parts)
         share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
         pieces.append(loop[owner] + share[:, None] * (ends - loop)[owner])
-    points, by_u, by_v = evaluate_points(face.surface, np.concatenate(pieces))
-    normals = face.sense * np.cross(by_u, by_v)
-    size = np.linalg.norm(normals, axis=1)
-    # At a pole of the surface the normal is not defined by its derivatives; the point next to it speaks for it.
-    kept = size > 1e-9 * max(float(size.max()), 1e-300)
-    return points[kept], normals[kept] / size[kept][:, None]
-
-
-@dataclass(frozen=True, slots=True)
-class MeshSample:
-    """Points on a mesh, N of them, and the K pieces of its triangles whose corners they are.
-
-    Attributes
-    ----------
-    points: (N, 3) mm.
-    sag: (N,) how far the true face may lie from the point, mm: 0 at vertices; estimated from the angle to the next
-        triangle elsewhere; 0 on meshes that are no image of a CAD face.
-    face: (N,) CAD face number, below 0 for meshes from elsewhere.
-    pieces: (K, 3) the corners of each piece; empty where there are only points.
-    piece_sag: (K,) the sag within a piece, mm.
-    sides: (K, 3) lengths of the sides of each piece, from each corner to the next, mm.
-    """
-
-    points: Array
-    sag: Array
-    face: Integers
-    pieces: Integers
-    piece_sag: Array
-    sides: Array
-
-    @classmethod
-    def of(cls, points: Array, sag: Array, face: Integers, pieces: Integers, piece_sag: Array) -> MeshSample:
-        """Measure the sides."""
-        return cls(points, sag, face, pieces, piece_sag, _side_lengths(points, pieces))
-
-    @classmethod
-    def of_points(cls, points: Array, face: Integers) -> MeshSample:
-        """Points (N, 3) on faces (N,) themselves, in an order of their own."""
-        nothing, order = np.zeros((0, 3), dtype=np.int64), spatial_order(points)
-        return cls(points[order], np.zeros(len(points)), face[order], nothing, np.zeros(0), np.zeros((0, 3)))
-
-    @property
-    def longest(self) -> Array:
-        """Length of the longest side of each piece, (K,) mm."""
-        return largest(self.sides)
-
-    def halved(self, chosen: npt.NDArray[np.bool_]) -> MeshSample:
-        """The chosen pieces, halved across their longest sides; the points are these and then those in the middles."""
-        pieces = self.pieces[chosen]
-        rows, (first, second, third) = np.arange(len(pieces)), self.sides[chosen].T
-        side = np.where((first >= second) & (first >= third), 0, np.where(second >= third, 1, 2))
-        a, b, c = (pieces[rows, (side + k) % 3] for k in range(3))
-        middle = len(self.points) + rows
-        return MeshSample.of(
-            np.concatenate([self.points, 0.5 * (self.points[a] + self.points[b])]),
-            np.concatenate([self.sag, self.piece_sag[chosen]]),
-            np.concatenate([self.face, self.face[a]]),
-            np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]),
-            np.tile(self.piece_sag[chosen], 2),
-        )
-
-
-def _sags(mesh: CheckMesh) -> Array:
-    """How far the curved face behind each triangle may lie off it, (M,) mm, from the angle to the triangles beside it.
-
-    Across a chord w over which the normal turns by an angle, an arc rises by w angle / 8.
-    """
-    vertices, triangles = mesh.vertices, mesh.triangles.astype(np.int64)
-    corners = _welded(vertices)[triangles]
-    at = [vertices[triangles[:, k]] for k in range(3)]
-    sides = [at[(k + 1) % 3] - at[k] for k in range(3)]
-    normals = np.cross(sides[0], sides[1])
-    double_area = np.linalg.norm(normals, axis=1)
-    normals /= np.maximum(double_area, 1e-300)[:, None]
-    edges = np.concatenate([_pair(corners[:, k], corners[:, (k + 1) % 3], len(vertices)) for k in range(3)])
-    owner = np.tile(np.arange(len(triangles)), 3)
-    # The chord across an edge is the triangle's height over it.
-    height = np.concatenate([double_area / np.maximum(np.linalg.norm(side, axis=1), 1e-300) for side in sides])
-    order = np.lexsort((mesh.face[owner], edges))
-    first, last = order[:-1], order[1:]
-    paired = (edges[first] == edges[last]) & (mesh.face[owner[first]] == mesh.face[owner[last]])
-    first, last = first[paired], last[paired]
-    cosine = np.einsum("ij,ij->i", normals[owner[first]], normals[owner[last]])
-    smooth = cosine > _SMOOTH_EDGE
-    first, last = first[smooth], last[smooth]
-    rise = np.maximum(height[first], height[last]) * np.arccos(np.clip(cosine[smooth], -1.0, 1.0)) / 8.0
-    sag = np.zeros(len(triangles))
-    for side in (first, last):
-        np.maximum.at(sag, owner[side], rise)
-    # A triangle at the border of a face may meet its only neighbour flat; that one knows the curvature.
-    spread = sag.copy()
-    np.maximum.at(spread, owner[first], sag[owner[last]])
-    np.maximum.at(spread, owner[last], sag[owner[first]])
-    return np.where(mesh.face >= 0, spread, 0.0)
-
-
-def _welded(vertices: Array) -> Integers:
-    """A number for each vertex (V,), the same for those at the same place, since a mesher may repeat them."""
-    places = np.round(vertices / _WELD).astype(np.int64)
-    order = np.lexsort(places.T)
-    new = (np.diff(places[order], axis=0, prepend=places[order[:1]]) != 0).any(axis=1)
-    number = np.empty(len(vertices), dtype=np.int64)
-    number[order] = np.cumsum(new)
-    return number
-
-
-def _pair(one: Integers, other: Integers, count: int) -> Integers:
-    """One number (N,) for each two of `count`, in whichever order."""
-    return np.asarray(np.minimum(one, other) * count + np.maximum(one, other))
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """A mesh made ready to be held against whatever program, V points and M triangles.
-
-    Attributes
-    ----------
-    points: (V, 3) mm, the corners, each as often as there are faces that it belongs to; those next to each other in
-        the array are close together.
-    face: (V,) CAD face number, below 0 for meshes from elsewhere.
-    triangles: (M, 3) their corners.
-    sag: (M,) how far the curved face behind each may lie off it, mm.
-    sides: (M, 3) lengths of their sides, mm.
-    """
-
-    points: Array
-    face: Integers
-    triangles: Integers
-    sag: Array
-    sides: Array
-
-    @classmethod
-    def of(cls, mesh: CheckMesh) -> Surroundings:
-        """Of a mesh."""
-        triangles, of_corner = mesh.triangles.astype(np.int64), np.repeat(mesh.face.astype(np.int64), 3).reshape(-1, 3)
-        # Triangles of a face share their corners; a corner that belongs to several faces is a point of each.
-        face = np.zeros(len(mesh.vertices), dtype=np.int64)
-        face[triangles] = of_corner
-        shared = face[triangles] != of_corner
-        pairs = np.stack([of_corner[shared], triangles[shared]])
-        (more, vertex), number = np.unique(pairs, axis=1, return_inverse=True)
-        triangles[shared] = len(mesh.vertices) + number
-        points, face = np.concatenate([mesh.vertices, mesh.vertices[vertex]]), np.concatenate([face, more])
-        order = spatial_order(points)
-        place = np.empty(len(order), dtype=np.int64)
-        place[order] = np.arange(len(order))
-        points, triangles = points[order], place[triangles]
-        return cls(points, face[order], triangles, _sags(mesh), _side_lengths(points, triangles))
-
-    def near(self, low: Array, high: Array) -> MeshSample:
-        """The triangles that reach into a box as pieces, and their corners as points. low, high: its corners, mm."""
-        near = np.ones(len(self.triangles), dtype=np.bool_)
-        for x in range(3):
-            for inside in (self.points[:, x] <= high[x], self.points[:, x] >= low[x]):
-                near &= inside[self.triangles[:, 0]] | inside[self.triangles[:, 1]] | inside[self.triangles[:, 2]]
-        triangles = self.triangles[near]
-        used = np.zeros(len(self.points), dtype=np.bool_)
-        used[triangles] = True
-        number = np.cumsum(used) - 1
-        points = self.points[used]
-        return MeshSample(
-            points, np.zeros(len(points)), self.face[used], number[triangles], self.sag[near], self.sides[near]
-        )
-
-
-def _side_lengths(points: Array, pieces: Integers) -> Array:
-    """Lengths (K, 3) of the sides of pieces (K, 3), from each corner to the next."""
-    corners = [points[pieces[:, k]] for k in range(3)]
-    sides = np.empty(pieces.shape)
-    for k in range(3):
-        along = corners[k] - corners[(k + 1) % 3]
-        sides[:, k] = np.sqrt(np.einsum("kx,kx->k", along, along))
-    return sides
-
-
-def largest(table: Array) -> Array:
-    """The largest number of each row of a table (K, 3)."""
-    return np.asarray(np.maximum(np.maximum(table[:, 0], table[:, 1]), table[:, 2]))
-
-
-@dataclass(frozen=True, slots=True)
-class Places:
-    """Where a scene is judged, whatever the program.
-
-    Attributes
-    ----------
-    samples: points on each design face.
-    around: what stands around the faces.
-    """
-
-    samples: tuple[FaceSample, ...]
-    around: Surroundings
-
-    @classmethod
-    @lru_cache(maxsize=1)
-    def of(cls, scene: Scene, points_per_face: int) -> Places:
-        """Those of a scene; kept for whoever asks next."""
-        samples = tuple(sample_face(face, points_per_face) for face in scene.faces)
-        return cls(samples, Surroundings.of(scene.check))
+        ways.append((ends - loop)[owner] / parts[owner][:, None])
+        number = count + np.arange(len(owner))
+        pairs.append(np.stack([number, np.roll(number, -1)], axis=1))
+        count += len(owner)
+    return np.concatenate(pieces), np.concatenate(ways), np.concatenate(pairs)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from conflank_cli.once import Once
 from conflank_cli.tool import Tool
 from conflank_cli.verification.gap import (
-    Below,
     BodyMotion,
-    below_either,
+    EitherMotion,
     cutting_body,
     spatial_order,
 )
@@ -49,6 +50,24 @@ class SweptGap:
     by_cut: Array
     move_by_cut: Integers
     flank: Array
+
+    def only(self, part: slice | Integers) -> SweptGap:
+        """The gap at some of the points."""
+        return SweptGap(
+            self.gap[part], self.move[part], self.share[part], self.by_cut[:, part], self.move_by_cut[:, part],
+            self.flank[part],
+        )  # fmt: skip
+
+    def then(self, other: SweptGap) -> SweptGap:
+        """The gap at these points and then at others."""
+        return SweptGap(
+            np.concatenate([self.gap, other.gap]),
+            np.concatenate([self.move, other.move]),
+            np.concatenate([self.share, other.share]),
+            np.concatenate([self.by_cut, other.by_cut], axis=1),
+            np.concatenate([self.move_by_cut, other.move_by_cut], axis=1),
+            np.concatenate([self.flank, other.flank]),
+        )
 
 
 def _same_axis_way(poses: Poses, move: Integers, height: float) -> bool:
@@ -90,60 +109,85 @@ def by_tool(stretches: list[CutMoves]) -> list[CutMoves]:
     return result
 
 
-def swept_gap(points: Array, stretches: list[CutMoves], kinds: list[str]) -> SweptGap:
-    """The gap, worse of the two interpolations at every point and for every cut."""
-    count = len(points)
-    modes = max((len(stretch.cells) for stretch in stretches), default=1)
-    gaps = np.full((modes, count), np.inf)
-    flanks = np.full((modes, count), np.inf)
-    moves = np.full((modes, count), -1, dtype=np.int64)
-    shares = np.zeros((modes, count))
-    by_cut = np.full((modes, len(kinds), count), np.inf)
-    move_by_cut = np.full((len(kinds), count), -1, dtype=np.int64)
-    order = spatial_order(points)
-    ordered = np.ascontiguousarray(points[order])
-    within = np.full(count, REACH)
-    found = [below_either(ordered, stretch.cells, cutting_body(stretch.tool), within) for stretch in stretches]
-    together = by_tool(stretches)
-    for mode in range(modes):
+@dataclass(frozen=True, slots=True)
+class SweptMotions:
+    """The motions of all cuts of a program, made ready to be asked for gaps again and again.
 
-        def of_mode(each: list[Below], mode: int = mode) -> Below:
-            return each[min(mode, len(each) - 1)]
+    Attributes
+    ----------
+    stretches: what they are made of.
+    kinds: of each cut, "sweep" or "pass".
+    cutting: of each stretch the cutting body in each of the motions that the program may mean.
+    together: all stretches of each tool as one, for what is far; made when first asked for.
+    """
 
-        for stretch, either in zip(stretches, found, strict=True):
-            own = of_mode(either)
-            hit = order[own.chosen]
-            if stretch.cut >= 0:
-                nearer = own.distance < by_cut[mode, stretch.cut, hit]
-                by_cut[mode, stretch.cut, hit[nearer]] = own.distance[nearer]
-                move_by_cut[stretch.cut, hit[nearer]] = own.move[nearer]
-            if stretch.cut < 0 or kinds[stretch.cut] == "sweep":
-                flanks[mode, hit] = np.minimum(flanks[mode, hit], own.distance)
-            nearer = own.distance < gaps[mode, hit]
-            hit = hit[nearer]
-            gaps[mode, hit], moves[mode, hit], shares[mode, hit] = (
-                own.distance[nearer], own.move[nearer], own.share[nearer],
-            )  # fmt: skip
-        # Beyond the reach of every cut the gap is still a figure of its own: how much stock stands there.
-        far = order[~np.isfinite(gaps[mode, order])]
-        for stretch in together if len(far) else ():
-            cells = stretch.cells[min(mode, len(stretch.cells) - 1)]
-            own = BodyMotion.of(cells, cutting_body(stretch.tool)).below(points[far], gaps[mode, far])
-            hit = far[own.chosen]
-            gaps[mode, hit], moves[mode, hit], shares[mode, hit] = own.distance, own.move, own.share
+    stretches: tuple[CutMoves, ...]
+    kinds: tuple[str, ...]
+    cutting: tuple[EitherMotion, ...]
+    together: Once[tuple[tuple[BodyMotion, ...], ...]]
 
-    def worse(values: Array) -> Array:
-        return np.asarray(np.take_along_axis(values, np.abs(values).argmax(axis=0)[None], axis=0)[0])
+    @classmethod
+    def of(cls, stretches: Sequence[CutMoves], kinds: Sequence[str]) -> SweptMotions:
+        """Prepare moves by cut; `kinds` has what each cut is."""
+        stretches = tuple(stretches)
 
-    pick = np.abs(gaps).argmax(axis=0)[None]
-    return SweptGap(
-        gap=np.take_along_axis(gaps, pick, axis=0)[0],
-        move=np.take_along_axis(moves, pick, axis=0)[0],
-        share=np.take_along_axis(shares, pick, axis=0)[0],
-        by_cut=worse(by_cut),
-        move_by_cut=move_by_cut,
-        flank=worse(flanks),
-    )
+        def together() -> tuple[tuple[BodyMotion, ...], ...]:
+            return tuple(
+                tuple(BodyMotion.of(cells, cutting_body(each.tool)) for cells in each.cells)
+                for each in by_tool(list(stretches))
+            )
+
+        cutting = tuple(EitherMotion.of(each.cells, cutting_body(each.tool)) for each in stretches)
+        return cls(stretches, tuple(kinds), cutting, Once(together))
+
+    def gap(self, points: Array) -> SweptGap:
+        """The gap at points (N, 3), worse of the two interpolations at every point and for every cut."""
+        count = len(points)
+        modes = max((len(stretch.cells) for stretch in self.stretches), default=1)
+        gaps = np.full((modes, count), np.inf)
+        flanks = np.full((modes, count), np.inf)
+        moves = np.full((modes, count), -1, dtype=np.int64)
+        shares = np.zeros((modes, count))
+        by_cut = np.full((modes, len(self.kinds), count), np.inf)
+        move_by_cut = np.full((len(self.kinds), count), -1, dtype=np.int64)
+        order = spatial_order(points)
+        ordered = np.ascontiguousarray(points[order])
+        within = np.full(count, REACH)
+        found = [motion.below(ordered, within) for motion in self.cutting]
+        for mode in range(modes):
+            for stretch, either in zip(self.stretches, found, strict=True):
+                own = either[min(mode, len(either) - 1)]
+                hit = order[own.chosen]
+                if stretch.cut >= 0:
+                    nearer = own.distance < by_cut[mode, stretch.cut, hit]
+                    by_cut[mode, stretch.cut, hit[nearer]] = own.distance[nearer]
+                    move_by_cut[stretch.cut, hit[nearer]] = own.move[nearer]
+                if stretch.cut < 0 or self.kinds[stretch.cut] == "sweep":
+                    flanks[mode, hit] = np.minimum(flanks[mode, hit], own.distance)
+                nearer = own.distance < gaps[mode, hit]
+                hit = hit[nearer]
+                gaps[mode, hit], moves[mode, hit], shares[mode, hit] = (
+                    own.distance[nearer], own.move[nearer], own.share[nearer],
+                )  # fmt: skip
+            # Beyond the reach of every cut the gap is still a figure of its own: how much stock stands there.
+            far = order[~np.isfinite(gaps[mode, order])]
+            for motions in self.together() if len(far) else ():
+                own = motions[min(mode, len(motions) - 1)].below(points[far], gaps[mode, far])
+                hit = far[own.chosen]
+                gaps[mode, hit], moves[mode, hit], shares[mode, hit] = own.distance, own.move, own.share
+
+        def worse(values: Array) -> Array:
+            return np.asarray(np.take_along_axis(values, np.abs(values).argmax(axis=0)[None], axis=0)[0])
+
+        pick = np.abs(gaps).argmax(axis=0)[None]
+        return SweptGap(
+            gap=np.take_along_axis(gaps, pick, axis=0)[0],
+            move=np.take_along_axis(moves, pick, axis=0)[0],
+            share=np.take_along_axis(shares, pick, axis=0)[0],
+            by_cut=worse(by_cut),
+            move_by_cut=move_by_cut,
+            flank=worse(flanks),
+        )
 
 
 def gaps_of(posed: PosedProgram, points: Array) -> tuple[Array, Array]:
@@ -152,7 +196,7 @@ def gaps_of(posed: PosedProgram, points: Array) -> tuple[Array, Array]:
     The gap of a cut is inf where it comes no nearer than `REACH`. Where there are copies the worst of them counts.
     """
     kinds = [cut.kind for cut in posed.program.cuts]
-    swept = [swept_gap(points, moves_by_cut(poses, list(posed.tools)), kinds) for poses in posed.by_copy]
+    swept = [SweptMotions.of(moves_by_cut(poses, list(posed.tools)), kinds).gap(points) for poses in posed.by_copy]
     every = np.stack([each.gap for each in swept])
     worst = np.take_along_axis(every, np.abs(every).argmax(axis=0)[None], axis=0)[0]
     # A cut is made for one of the copies, and far from the others.

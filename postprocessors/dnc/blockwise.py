@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
 
-from postprocessors.dnc.engine import Engine
+from postprocessors.dnc.engine import Engine, count_of
 from postprocessors.dnc.profile import Profile
 from postprocessors.dnc.store import Entry, Refusal, Sink, Store
 from postprocessors.dnc.wire import CR, DC1, DC3, DIRECTORY_REQUEST, LF, LINE_END, NAK, block_check, is_text, make_frame
@@ -100,6 +100,18 @@ class BlockwiseServer(Engine):
     def begin(self, now: float) -> None:
         """Start to wait for the control."""
         self._rest(now)
+
+    def left_behind(self) -> str:
+        """Blocks that the control has acknowledged of what it is reading, and the one that it may have besides."""
+        blocks, name = self.counts.blocks, self._name or "the program"
+        said = count_of(blocks, "block")
+        if self._state is State.ANSWER:
+            return f"the control has acknowledged {said} of {name} and may have one more"
+        if self._state in (State.NEXT_HEADER, State.END_CONFIRMED) and blocks:
+            if self.finished and self.failure is None:
+                return f"the control has received all of {name} ({said}) and confirmed it"
+            return f"the control has acknowledged {name} to its last block ({said}), but not the end"
+        return ""
 
     # --- characters ---
 

@@ -18,6 +18,11 @@ ROUNDING_CHARACTERS = 1e-6
 """Characters: what floating point leaves of a line that has just become free."""
 
 
+def count_of(number: int, what: str) -> str:
+    """A number with its noun: 1 line, 1,200 lines."""
+    return f"{number:,} {what}" + ("" if number == 1 else "s")
+
+
 @dataclass(slots=True)
 class Counts:
     """How far a transfer is: bytes and lines of text (blocks, in the blockwise protocols), and blocks repeated."""
@@ -35,6 +40,7 @@ class Engine:
     counts: what has gone through.
     finished: whether it is over; what `output` still gives has to be sent nevertheless.
     failure: why it did not succeed.
+    left: what `left_behind` said when it was broken off from this side.
     """
 
     def __init__(self, profile: Profile, title: str) -> None:
@@ -44,6 +50,7 @@ class Engine:
         self.finished = False
         self.failure: DeviceError | None = None
         self.started = False
+        self.left: str | None = None
         self._characters = profile.characters
         self._waiting = bytearray()
         self._line_free_at = 0.0
@@ -103,8 +110,14 @@ class Engine:
 
     def abort(self, reason: str, now: float) -> None:
         """Break off from this side; the control is told as far as the protocol allows."""
+        if self.left is None:
+            self.left = self.left_behind()
         if not self.finished:
             self._fail(reason, "a transfer to the end", "Start it again at the control and here.", now, tell=True)
+
+    def left_behind(self) -> str:
+        """What the control has of the text at this moment, for somebody who breaks off; "" for nothing."""
+        return ""
 
     # --- what a protocol fills in ---
 

@@ -11,15 +11,15 @@ from pathlib import Path
 
 from postprocessors.dnc.blockwise import NAME_PATTERN
 from postprocessors.dnc.profile import Profile
-from postprocessors.dnc.program import Program, name_in, read_program
+from postprocessors.dnc.program import Program, ends_program, name_in, read_program
 from postprocessors.dnc.store import Entry, Refusal, Sink
 from postprocessors.errors import DeviceError, PostError
 
 EXTENSIONS = {"H": ".H", "D": ".I", "I": ".I", "T": ".T", "P": ".P", "A": ".A"}
 """What a control leaves out of a name, by its letter for the type: conversational, ISO, tools, pallets, text."""
 JUDGEMENT = ".verification.json"
-Gate = Callable[[Path], str | None]
-"""Why a program must not be sent; None if it may."""
+Gate = Callable[[Path, str], str | None]
+"""Why a program must not be sent, from its file and the SHA-256 of what would be sent; None if it may."""
 
 
 def same_name(one: str, other: str) -> bool:
@@ -28,34 +28,58 @@ def same_name(one: str, other: str) -> bool:
     return one == other or (("." in one) != ("." in other) and one.partition(".")[0] == other.partition(".")[0])
 
 
+def is_judgement(name: str) -> bool:
+    """Whether a name is that of a verification, on any file system.
+
+    Some do not tell capitals, and drop full stops and spaces at the end.
+    """
+    return name.rstrip(". ").lower().endswith(JUDGEMENT)
+
+
 class FileSink:
     """A file that is arriving, hidden beside its final name until it is complete.
 
-    `expected` is the name that its first line must give, if that line gives any.
+    It holds one program: a second one in the same transfer, or text after the end, is an error, because nobody has
+    asked for it. `expected` is the name that its first line must give, if that line gives any. What arrives never gets
+    the name of a verification, which only `conflank verify` may write.
     """
 
     def __init__(self, path: Path, overwrite: bool, expected: str = "") -> None:
         self._path = path
         self._overwrite = overwrite
         self._expected = expected
+        if is_judgement(path.name):
+            raise PostError(str(path), "the name of a verification", "another name", "Name the file differently.")
         try:
             handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         except OSError as error:
             raise PostError(str(path), f"{error.strerror}", "a folder that can be written", "Name another.") from None
         self._temporary = Path(name)
         self._stream = os.fdopen(handle, "wb")
-        self._first = True
+        self._program: str | None = None
+        self._ended = False
 
     def write(self, line: bytes) -> None:
         """Add a line, given without its end."""
-        if self._first:
-            self._first = False
-            name = name_in(line)
-            if self._expected and name is not None and not same_name(name, self._expected):
-                where, expected = f"receiving {self._expected}", f"program {self._expected}"
-                raise DeviceError(where, f"program {name} from the control", expected, "Choose it at the control.")
+        self._check_line(line)
         with self._on_disk():
             self._stream.write(line + b"\r\n")
+
+    def _check_line(self, line: bytes) -> None:
+        where, expected = f"receiving {self._path.name}", "one program in one transfer"
+        name = name_in(line)
+        if name is not None:
+            if self._program is not None:
+                found = f"program {name} after program {self._program}"
+                raise DeviceError(where, found, expected, "Output each by itself at the control.")
+            self._program = name
+            if self._expected and not same_name(name, self._expected):
+                where, expected = f"receiving {self._expected}", f"program {self._expected}"
+                raise DeviceError(where, f"program {name} from the control", expected, "Choose it at the control.")
+        elif self._ended and line.strip():
+            found = f"text after the end of program {self._program}: {line.decode('latin-1').strip()[:40]}"
+            raise DeviceError(where, found, expected, "Output the program again, or mend it at the control.")
+        self._ended |= self._program is not None and ends_program(line)
 
     def commit(self) -> None:
         """Give the file its name."""
@@ -156,35 +180,47 @@ class Folder:
 
     def _files(self) -> list[Path]:
         inside = self._path.resolve()
-        files = [
-            path
-            for path in sorted(self._path.iterdir())
-            if re.fullmatch(NAME_PATTERN, path.name) and not path.name.endswith(JUDGEMENT)
-        ]
-        return [path for path in files if path.is_file() and path.resolve().parent == inside]
+        files = [path for path in sorted(self._path.iterdir()) if re.fullmatch(NAME_PATTERN, path.name)]
+        return [path for path in files if _target(path, inside) is not None]
 
     def directory(self) -> list[Entry]:
         """Every file with a legal name."""
         return [Entry(path.name, path.stat().st_size) for path in self._files()]
 
+    def refusal(self, name: str) -> str | None:
+        """Why the file of a name would not be sent; None if it would."""
+        try:
+            self._program(name, "")
+        except Refusal as refusal:
+            return refusal.reason
+        return None
+
     def read(self, name: str, kind: str) -> Iterator[bytes]:
         """The program of that name, if it may be sent."""
+        return self._program(name, kind).text()
+
+    def _program(self, name: str, kind: str) -> Program:
         path = self._find(name, kind)
-        if path is None:
+        # The target is what is read: a link that is turned elsewhere in the meantime leads nowhere.
+        target = None if path is None else _target(path, self._path.resolve())
+        if path is None or target is None:
             raise Refusal("FILE NOT FOUND", f"there is no {name} in {self._path}")
         try:
-            program = read_program(path, self._profile)
+            program = read_program(target, self._profile, follow=False)
         except PostError as error:
             raise Refusal("FILE NOT READABLE", str(error)) from error
-        # After reading: a text that changes in between is not what was read, and text() notices.
-        if reason := self._gate(path):
+        # What was read is what is sent, so its hash decides and not the file's of a moment later.
+        if reason := self._gate(path, program.sha256):
             raise Refusal("NOT VERIFIED", reason)
-        return program.text()
+        return program
 
     def create(self, name: str, kind: str) -> Sink:
         """A new file."""
-        if not re.fullmatch(NAME_PATTERN, name):
+        # Some file systems drop a full stop at the end: the name would be another one.
+        if not re.fullmatch(NAME_PATTERN, name) or name.endswith("."):
             raise Refusal("ILLEGAL NAME", f"{name!r} is no legal name")
+        if is_judgement(name):
+            raise Refusal("ILLEGAL NAME", f"{name} was not written: no control writes verifications")
         if not self._writable:
             raise Refusal("READ ONLY", f"{name} was not written: the folder is served for reading")
         existing = self._find(name, kind)
@@ -210,3 +246,11 @@ class Folder:
                 if own.upper() == candidate.upper():
                     return path
         return None
+
+
+def _target(path: Path, inside: Path) -> Path | None:
+    """The file behind a name, through links; None unless it is a file of the folder and no verification."""
+    target = path.resolve()
+    if target.parent != inside or is_judgement(path.name) or is_judgement(target.name) or not target.is_file():
+        return None
+    return target

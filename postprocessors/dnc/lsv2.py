@@ -9,11 +9,11 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from postprocessors.errors import DeviceError, PostError
+from postprocessors.errors import DeviceError, Interrupted, PostError
 
 DEFAULT_PORT = 19000
 DEFAULT_FOLDER = "TNC:\\"
@@ -51,6 +51,12 @@ def _connected(address: str, timeout_s: float) -> Iterator[Any]:
         words = " ".join(f"{type(error).__name__}: {error}".split())
         expected = "a control that speaks LSV-2"
         raise DeviceError(f"LSV-2 {host}:{port}", words, expected, "See to the network and to the control.") from error
+    except KeyboardInterrupt:
+        # In the middle of a telegram nothing more can be said to the control.
+        if control is not None:
+            control._llcom.disconnect()
+            control = None
+        raise
     finally:
         if control is not None:
             _leave(control)
@@ -59,8 +65,9 @@ def _connected(address: str, timeout_s: float) -> Iterator[Any]:
 def _leave(control: Any) -> None:
     """Log out and close; a control that is gone needs neither."""
     try:
-        control.disconnect()
-    except Exception:
+        with suppress(Exception):
+            control.disconnect()
+    finally:
         control._llcom.disconnect()
 
 
@@ -68,40 +75,54 @@ def _remote(folder: str, name: str) -> str:
     return folder.replace("/", "\\").rstrip("\\") + "\\" + name
 
 
-def send_file(
-    path: Path, address: str, folder: str = DEFAULT_FOLDER, overwrite: bool = False, timeout_s: float = 15.0
-) -> int:
-    """Put a file into a folder of the control; returns its bytes.
+def send_data(
+    file: str, data: bytes, address: str, folder: str = DEFAULT_FOLDER, overwrite: bool = False, timeout_s: float = 15.0
+) -> None:
+    """Put data into a folder of the control, as a file of that name.
 
     Raises
     ------
     DeviceError: no connection, refused, or not all of it arrived; there is nothing under the file's name then.
+    Interrupted: Ctrl-C; says what the control has.
     """
-    size = path.stat().st_size
-    name, temporary = _remote(folder, path.name), _remote(folder, TEMPORARY)
+    name, temporary = _remote(folder, file), _remote(folder, TEMPORARY)
     where = f"LSV-2 {address}: {name}"
-    with _connected(address, timeout_s) as control:
-        if not control.change_directory(folder.replace("/", "\\")):
-            raise DeviceError(where, f"no folder {folder}", "a folder of the control", "Name one with --folder.")
-        exists = control.file_info(name) is not None
-        if exists and not overwrite:
-            raise DeviceError(where, "a file that exists", "a new name", "Replace it with --overwrite.")
-        if control.file_info(temporary) is not None:
-            control.delete_file(temporary)
-        # The library takes the name from the local file when the remote one ends in a backslash.
-        with tempfile.TemporaryDirectory() as copies:
-            copy = Path(copies) / TEMPORARY
-            copy.write_bytes(path.read_bytes())
-            accepted = control.send_file(copy, folder.replace("/", "\\").rstrip("\\") + "\\", binary_mode=True)
-        arrived = control.file_info(temporary) if accepted else None
-        if arrived is None or arrived.size != size:
-            found = "the control did not take it" if arrived is None else f"{arrived.size} of {size} bytes arrived"
-            raise DeviceError(where, found, "the whole file", "See the control's message, and send it again.")
-        if exists and not control.delete_file(name):
-            raise DeviceError(where, "a file that cannot be replaced", "one that can", "Is it selected at the control?")
-        if not control.move_file(TEMPORARY, name):
-            raise DeviceError(where, f"{TEMPORARY} could not be renamed", "its name", "Rename it at the control.")
-    return size
+    # What the control has while the next telegrams are under way.
+    there = ""
+    try:
+        with _connected(address, timeout_s) as control:
+            if not control.change_directory(folder.replace("/", "\\")):
+                raise DeviceError(where, f"no folder {folder}", "a folder of the control", "Name one with --folder.")
+            exists = control.file_info(name) is not None
+            if exists and not overwrite:
+                raise DeviceError(where, "a file that exists", "a new name", "Replace it with --overwrite.")
+            there = f"the control may have part of the program as {temporary}: delete it there"
+            if control.file_info(temporary) is not None:
+                control.delete_file(temporary)
+            _upload(control, data, folder, temporary, where)
+            there = f"the control has the program as {temporary} or as {name}: look there"
+            if exists and not control.delete_file(name):
+                found, expected = "a file that cannot be replaced", "one that can"
+                raise DeviceError(where, found, expected, "Is it selected at the control?")
+            if not control.move_file(TEMPORARY, name):
+                raise DeviceError(where, f"{TEMPORARY} could not be renamed", "its name", "Rename it at the control.")
+            there = f"the control has the whole program as {name}"
+    except KeyboardInterrupt:
+        raise Interrupted(there or "nothing was sent") from None
+
+
+def _upload(control: Any, data: bytes, folder: str, temporary: str, where: str) -> None:
+    """Send data as the temporary file, and compare its size there."""
+    # The library sends files only: a copy that nobody else may write. It takes the name from it where the remote one
+    # ends in a backslash.
+    with tempfile.TemporaryDirectory() as copies:
+        copy = Path(copies) / TEMPORARY
+        copy.write_bytes(data)
+        accepted = control.send_file(copy, folder.replace("/", "\\").rstrip("\\") + "\\", binary_mode=True)
+    arrived = control.file_info(temporary) if accepted else None
+    if arrived is None or arrived.size != len(data):
+        found = "the control did not take it" if arrived is None else f"{arrived.size} of {len(data)} bytes arrived"
+        raise DeviceError(where, found, "the whole file", "See the control's message, and send it again.")
 
 
 def receive_file(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import sha256
 from math import dist, inf
 from pathlib import Path
-from typing import BinaryIO
 
 from postprocessors.dnc.profile import Profile
 from postprocessors.dnc.wire import is_text
@@ -16,6 +16,8 @@ from postprocessors.errors import PostError
 
 LONGEST_LINE = 1024
 """Characters; blocks of programs are a tenth of it, and a line without end would fill the memory."""
+LARGEST = 1 << 30
+"""Bytes of a program, which is kept in memory: a device without end must not fill it."""
 BLOCK_OVERHEAD, LINE_OVERHEAD = 5, 2
 """Characters on the line besides the text: STX, ETB, BCC, DC1, ACK; or CR LF."""
 STANDING_MM = 1e-3
@@ -38,49 +40,39 @@ _FEED = re.compile(rb"\bF(\d+(?:[.,]\d*)?)")
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program that may go over the wire.
+    """A program that may go over the wire: the bytes that were read once, and what was found in them.
 
     Attributes
     ----------
     path: its file.
+    data: its bytes. Whatever becomes of the file, these are what is hashed, checked and sent.
     name: as its first line has it, or the file's stem.
     named: whether the first line has it.
     ended: whether the last line ends a program.
-    size, lines, longest: bytes of the file, lines, characters of the longest line.
+    lines, longest: lines, characters of the longest line.
     plain: whether every line ends in CR LF, so that what the control gets is the file's bytes.
-    sha256: of the file's bytes.
+    sha256: of `data`.
     """
 
     path: Path
+    data: bytes
     name: str
     named: bool
     ended: bool
-    size: int
     lines: int
     longest: int
     plain: bool
     sha256: str
 
-    def text(self) -> Iterator[bytes]:
-        """The lines without their ends, read again and compared with what was checked.
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(self.data)
 
-        Raises
-        ------
-        PostError: the file has changed; raised instead of the last line, so that the control keeps nothing.
-        """
-        digest = sha256()
-        last: bytes | None = None
-        with _open(self.path) as stream:
-            for raw in _raw_lines(stream, self.path):
-                digest.update(raw)
-                if last is not None:
-                    yield last
-                last = _stripped(raw)
-        if digest.hexdigest() != self.sha256 or last is None:
-            raise PostError(
-                str(self.path), "a file that changes while it is sent", "the file that was checked", "Again."
-            )
-        yield last
+    def text(self) -> Iterator[bytes]:
+        """The lines without their ends."""
+        for raw in _raw_lines(self.data):
+            yield _stripped(raw)
 
     @property
     def sent_bytes(self) -> int:
@@ -88,62 +80,74 @@ class Program:
         return self.size if self.plain else sum(len(line) + 2 for line in self.text())
 
 
-def read_program(path: Path, profile: Profile) -> Program:
-    """Go through a program once, in constant memory.
+def read_program(path: Path, profile: Profile, follow: bool = True) -> Program:
+    """Read a program, once, and check that the protocol can carry it.
+
+    Without `follow` a path that has become a link is not read.
 
     Raises
     ------
-    PostError: not readable, empty, or with characters that the protocol cannot carry.
+    PostError: not readable, empty, too large, or with characters that the protocol cannot carry.
     """
-    digest = sha256()
-    size = count = longest = 0
+    data = _read(path, follow)
+    count = longest = 0
     plain = True
     first = last = b""
-    with _open(path) as stream:
-        for raw in _raw_lines(stream, path):
-            digest.update(raw)
-            size += len(raw)
-            count += 1
-            plain &= raw.endswith(b"\r\n")
-            last = _stripped(raw)
-            longest = max(longest, len(last))
-            first = first or last
-            for place, character in enumerate(last, 1):
-                if not is_text(character, profile.data_bits):
-                    found = f"character 0x{character:02X}"
-                    expected = f"printable characters of {profile.data_bits} bits"
-                    raise PostError(
-                        f"{path}: line {count}, column {place}", found, expected, "Take it out of the file."
-                    )
+    for raw in _raw_lines(data):
+        count += 1
+        plain &= raw.endswith(b"\r\n")
+        last = _stripped(raw)
+        longest = max(longest, len(last))
+        if longest > LONGEST_LINE:
+            found = f"more than {LONGEST_LINE} characters"
+            raise PostError(f"{path}: line {count}", found, "a block of a program", "Is it a program?")
+        first = first or last
+        for place, character in enumerate(last, 1):
+            if not is_text(character, profile.data_bits):
+                found = f"character 0x{character:02X}"
+                expected = f"printable characters of {profile.data_bits} bits"
+                raise PostError(f"{path}: line {count}, column {place}", found, expected, "Take it out of the file.")
     if not count:
         raise PostError(str(path), "an empty file", "a program", "Check its path.")
     match = _BEGIN.fullmatch(first)
-    name = (match[1] or match[2]).decode() if match else path.name.partition(".")[0]
-    ended = _END.fullmatch(last) is not None
-    return Program(path, name, match is not None, ended, size, count, longest, plain, digest.hexdigest())
+    name = (match[1] or match[2]).decode("latin-1") if match else path.name.partition(".")[0]
+    return Program(
+        path, data, name, match is not None, ends_program(last), count, longest, plain, sha256(data).hexdigest()
+    )
 
 
 def name_in(line: bytes) -> str | None:
     """The name that a first line gives its program; None if it is no first line."""
     match = _BEGIN.fullmatch(line)
-    return (match[1] or match[2]).decode() if match else None
+    return (match[1] or match[2]).decode("latin-1") if match else None
 
 
-def _open(path: Path) -> BinaryIO:
+def ends_program(line: bytes) -> bool:
+    """Whether a line is the last one of a program."""
+    return _END.fullmatch(line) is not None
+
+
+def _read(path: Path, follow: bool) -> bytes:
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags if follow else flags | getattr(os, "O_NOFOLLOW", 0))
+
     try:
-        return path.open("rb")
+        with open(path, "rb", opener=opened) as stream:
+            data = stream.read(LARGEST + 1)
     except OSError as error:
         raise PostError(str(path), f"no readable file ({error.strerror})", "a program", "Check its path.") from None
+    if len(data) > LARGEST:
+        raise PostError(str(path), f"more than {LARGEST >> 20} MB", "a program", "Is it a program?")
+    return data
 
 
-def _raw_lines(stream: BinaryIO, path: Path) -> Iterator[bytes]:
-    number = 0
-    while raw := stream.readline(LONGEST_LINE + 3):
-        number += 1
-        if len(_stripped(raw)) > LONGEST_LINE:
-            found = f"more than {LONGEST_LINE} characters"
-            raise PostError(f"{path}: line {number}", found, "a block of a program", "Is it a program?")
-        yield raw
+def _raw_lines(data: bytes) -> Iterator[bytes]:
+    """The lines with their ends."""
+    start = 0
+    while start < len(data):
+        end = data.find(b"\n", start) + 1 or len(data)
+        yield data[start:end]
+        start = end
 
 
 def _stripped(raw: bytes) -> bytes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from postprocessors.dnc.engine import Engine
+from postprocessors.dnc.engine import Engine, count_of
 from postprocessors.dnc.profile import Profile
 from postprocessors.dnc.store import Refusal, Sink
 from postprocessors.dnc.wire import CR, DC1, DC3, ESC, LF, LINE_END, NUL, is_text
@@ -30,6 +30,18 @@ class StandardSender(Engine):
     def begin(self, now: float) -> None:
         """Start to wait for the control."""
         self._wait(self.profile.start_timeout_s, self._not_started, now)
+
+    def left_behind(self) -> str:
+        """Lines that have gone out: the driver and the control may have fewer, never more."""
+        lines = self.counts.blocks + (self._line is not None)
+        if not lines:
+            return ""
+        said = count_of(lines, "line")
+        if self.finished and self.failure is None:
+            return f"the control has received the whole program ({said}) and confirmed it"
+        if self._text_over:
+            return f"the whole program has gone out to the control ({said}), which has not confirmed it"
+        return f"what has gone out to the control: {said}"
 
     def _character(self, character: int, now: float) -> None:
         if self._escape:

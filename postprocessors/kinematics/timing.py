@@ -1,4 +1,4 @@
-"""How long a machine takes for a path, and which feeds its axes can follow.
+"""How long a machine takes for a path.
 
 What each axis does is taken over a *nominal time*, in which every block runs at its programmed feed; the machine runs
 through it at a rate w of 0 to 1.
@@ -54,20 +54,6 @@ def least_seconds(machine: Machine, axes: Array) -> Array:
     """Seconds that each block between positions (N + 1, 5) needs by its axes' speed and the control's cycle, (N,)."""
     by_speed = (np.abs(np.diff(axes, axis=0)) / machine.limits.speed).max(axis=1)
     return np.asarray(np.maximum(by_speed, machine.block_time_ms / 1000.0))
-
-
-def followed_seconds(axes: Array, seconds: Array, limits: Limits) -> Array:
-    """Times of N moving blocks between axis positions (N + 1, 5), at least those given, that all axes can follow.
-
-    Between the middles of two blocks an axis changes from the mean speed of one to that of the other. Where that is
-    more than its acceleration, the way there is run slower; and before and after it the rate changes no faster than an
-    axis lets it. Each of the two keeps the acceleration by itself.
-    """
-    speed = np.diff(axes, axis=0) / seconds[:, None]
-    apart = 0.5 * (seconds[1:] + seconds[:-1])
-    excess = (np.abs(np.diff(speed, axis=0)) / limits.acceleration).max(axis=1, initial=0.0) / apart
-    at_nodes = np.concatenate([[1.0], 1.0 / np.sqrt(np.maximum(excess, 1.0)), [1.0]])
-    return _braked(speed, seconds, np.maximum(at_nodes[1:], at_nodes[:-1]), at_nodes, limits)[1]
 
 
 def profile(axes: Array, nominal: Array, limits: Limits) -> Profile:

@@ -50,7 +50,11 @@ def flat_face(rational: bool = False, holes: int = 1) -> DesignFace:
 def scene_of(*faces: DesignFace) -> Scene:
     job = parse_job(JOB, "job.toml", Path())
     check = CheckMesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32), np.array([-1], dtype=np.int32))
-    return Scene(job, "a", faces or (flat_face(),), job.resolved_tools(), Once(lambda: check), {"a.step": "0" * 64})
+    around = (replace(flat_face(), number=7, sense=-1),)
+    return Scene(
+        job, "a", faces or (flat_face(),), job.resolved_tools(), Once(lambda: check), {"a.step": "0" * 64},
+        rest=(flat_face(),), surfaces=Once(lambda: around),
+    )  # fmt: skip
 
 
 def sweep_of(controls: int, seed: int = 0) -> Sweep:
@@ -174,7 +178,7 @@ def test_numpy_alone_reads_it() -> None:
         document = json.loads(archive["meta"].tobytes())
         assert archive["motion_p"].shape == (5, 3)
     assert document["schema"] == "conflank/plan"
-    assert document["version"] == 1
+    assert document["version"] == 2
     assert document["units"] == {"length": "mm", "angle": "rad"}
     assert document["job"]["tolerance"] == {"overcut": 0.01, "undercut": 0.01, "allowance": 0.0}
     assert document["inputs"] == {"a.step": "0" * 64}
@@ -205,7 +209,7 @@ PLAN = encode_artifact("plan", scene_of(), [sweep_of(5), sweep_of(6)], {})
         (PLAN[:400], "truncated"),
         (altered(PLAN, {"schema": "conflank/candidates"}), "'conflank/candidates'"),
         (altered(PLAN, {"schema": "other/plan"}), "'other/plan'"),
-        (altered(PLAN, {"version": 2}), "version 2"),
+        (altered(PLAN, {"version": 1}), "version 1"),
         (altered(PLAN, {"units": {"length": "inch", "angle": "rad"}}), "inch"),
         (altered(PLAN, {"novelty": 1}), "novelty"),
         (altered(PLAN, {"job": {}}), "part"),
@@ -213,6 +217,8 @@ PLAN = encode_artifact("plan", scene_of(), [sweep_of(5), sweep_of(6)], {})
         (altered(PLAN, {"sweeps": [{"face": 1, "tool": "T1", "facts": {}}] * 2}), "contradict"),
         (altered(PLAN, {"sweeps": [{"face": 0, "tool": "T2", "facts": {}}] * 2}), "contradict"),
         (altered(PLAN, drop="motion_q"), "no array 'motion_q'"),
+        (altered(PLAN, drop="around0_poles"), "no array 'around0_poles'"),
+        (altered(PLAN, drop="rest0_loops"), "no array 'rest0_loops'"),
         (altered(PLAN, add="motion_r"), "unknown array 'motion_r'"),
     ],
 )

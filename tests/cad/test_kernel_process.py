@@ -60,11 +60,12 @@ def test_a_scene_is_the_same_wherever_its_part_is_read(without_kernel, started):
         wanted = Wanted(BLADE / job.part.file, job.part.scale, [d.face for d in job.part.design], job.part.check_faces)
         there = load_scene(job, BLADE, kernel.read(wanted))
         assert len(there.check.triangles) > 10_000
+        assert len(there.neighbours) > 20
         assert "OCP" not in sys.modules
     (process,) = started
     assert process.returncode is not None
     here = load_scene(job, BLADE)
-    for one, other in zip(there.faces, here.faces, strict=True):
+    for one, other in zip((*there.faces, *there.neighbours), (*here.faces, *here.neighbours), strict=True):
         _same(one, other)
     assert len(here.check.triangles) > 10_000
     assert np.array_equal(there.check.vertices, here.check.vertices)

@@ -12,7 +12,7 @@ from conflank_cli import job as jobs
 from conflank_cli.cad.loops import bounds, inside
 from conflank_cli.cad.quadrature import surface_frames, trimmed_area
 from conflank_cli.cad.reader import read_part
-from conflank_cli.cad.scene import check_mesh, load_scene, resolve_faces
+from conflank_cli.cad.scene import check_mesh, load_scene, resolve_faces, rest_of_faces
 from conflank_cli.errors import InputError
 from conflank_cli.geometry.surface import to_spans
 from tests.cad import shapes
@@ -189,3 +189,83 @@ def test_load_scene_puts_it_together(tmp_path):
     assert [tool.name for tool in scene.tools] == ["T1"]
     assert set(scene.check.face.tolist()) == {0, 2, 3, 4, 5}
     assert list(scene.inputs) == ["block.step"] and len(scene.inputs["block.step"]) == 64
+
+
+def _areas(faces):
+    return sum(trimmed_area(face.surface, face.loops) for face in faces)
+
+
+@pytest.mark.parametrize(
+    "regions",
+    [
+        [(0.3, 0.7, 0.2, 0.8)],
+        [(0.0, 1.0, 0.2, 0.8)],
+        [(0.8, 0.25, 0.1, 0.6)],
+        [(-0.2, 0.1, 0.0, 0.5), (0.1, 0.5, 0.0, 0.5), (0.0, 1.0, 0.6, 0.9)],
+    ],
+    ids=["window", "belt", "across the seam", "three"],
+)
+def test_regions_and_what_they_leave_make_up_the_face(tube, regions):
+    number = _jacket(tube)
+    wanted = _part_keys(*({"face": number, "region": region} for region in regions))
+    rest = rest_of_faces(tube, wanted)
+    assert {face.number for face in rest} == {number}
+    whole = _design(tube, face=number)
+    assert {face.sense for face in rest} == {whole.sense}
+    total = trimmed_area(whole.surface, whole.loops)
+    own = resolve_faces(tube, wanted)
+    assert _areas(own) + _areas(rest) == pytest.approx(total, rel=1e-6)
+    # No place of what is left is within a region: angles and heights of the jacket tell.
+    inner = np.concatenate([_inner_points(face) for face in rest])
+    for face in own:
+        for point in _inner_points(face):
+            assert np.linalg.norm(inner - point, axis=1).min() > 1e-3
+
+
+def _inner_points(face):
+    u0, u1, v0, v1 = bounds(face.loops)
+    grid = np.stack(np.meshgrid(np.linspace(u0, u1, 12)[1:-1], np.linspace(v0, v1, 12)[1:-1]), axis=-1).reshape(-1, 2)
+    grid = grid[inside(face.loops, grid)]
+    return surface_frames(to_spans(face.surface), grid[:, 0], grid[:, 1])[:, 0]
+
+
+def test_nothing_is_left_of_whole_faces_and_where_nothing_is_checked(tube):
+    number = _jacket(tube)
+    assert rest_of_faces(tube, _part_keys({"face": number})) == ()
+    half = {"face": number, "region": (0.0, 0.5, 0.0, 1.0)}
+    assert rest_of_faces(tube, _part_keys(half, check_faces="none")) == ()
+    other = {"face": number, "region": (0.5, 1.0, 0.0, 1.0)}
+    assert rest_of_faces(tube, _part_keys(half, other)) == ()
+
+
+@pytest.mark.parametrize(
+    "one,other",
+    [
+        ((0.0, 1.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0)),
+        ((0.0, 0.5, 0.0, 0.5), (0.4, 1.0, 0.4, 1.0)),
+        ((0.9, 0.1, 0.0, 1.0), (0.05, 0.2, 0.3, 0.4)),
+        ((0.2, 0.4, 0.0, 1.0), (1.3, 1.5, 0.0, 1.0)),
+    ],
+)
+def test_the_same_place_of_a_face_twice_is_refused(tube, one, other):
+    number = _jacket(tube)
+    with pytest.raises(InputError) as caught:
+        resolve_faces(tube, _part_keys({"face": number, "region": one}, {"face": number, "region": other}))
+    assert "[[part.design]] 1" in caught.value.where
+    assert f"face {number}, which [[part.design]] 0 has already" in caught.value.found
+
+
+def test_regions_that_only_touch_are_two(tube):
+    number = _jacket(tube)
+    halves = ({"face": number, "region": (a, b, 0.0, 1.0)} for a, b in ((0.0, 0.5), (0.5, 1.0)))
+    assert len(resolve_faces(tube, _part_keys(*halves))) == 2
+
+
+def test_a_scene_has_the_surfaces_of_what_nothing_may_touch(tmp_path):
+    shapes.write_step(BRepPrimAPI_MakeBox(20.0, 30.0, 10.0).Shape(), tmp_path / "block.step")
+    text = b'[part]\nfile = "block.step"\n[[part.design]]\nface = 1\nregion = [0.0, 0.5, 0.0, 1.0]\n'
+    text += b'[tools]\nuse = ["T1"]\n'
+    scene = load_scene(jobs.parse_job(text, "job.toml", tmp_path), tmp_path)
+    assert [face.number for face in scene.neighbours] == [0, 2, 3, 4, 5]
+    assert [face.number for face in scene.rest] == [1]
+    assert _areas(scene.rest) == pytest.approx(_areas(scene.faces))

@@ -1,6 +1,5 @@
 """`conflank dnc` over pseudo-terminals: the simulated control runs in a process of its own."""
 
-import hashlib
 import json
 import os
 import random
@@ -20,6 +19,7 @@ from click.testing import CliRunner, Result
 
 from conflank_cli.cli import cli
 from postprocessors.dnc.simulated_control import Setup, SimulatedControl
+from tests.commands.judged import judge
 
 MAIN = [sys.executable, "-c", "from conflank_cli.cli import main; main()"]
 FAST = ("--set", "baud=115200")
@@ -42,13 +42,6 @@ def text_of(blocks: int, name: str = "BLADE1", seed: int = 1) -> bytes:
     lines += [f"{n} L X{rng.uniform(-9, 9):+.4f} Y{rng.uniform(-9, 9):+.4f} A-30.5 F800" for n in range(1, blocks - 1)]
     lines.append(f"{blocks - 1} END PGM {name} MM")
     return "".join(line + "\r\n" for line in lines).encode()
-
-
-def judge(path: Path, findings: list[dict[str, str]] | None = None) -> None:
-    """Write a verification of the text as it is now."""
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    document = {"program_sha256": digest, "findings": findings or []}
-    path.with_name(path.name + ".verification.json").write_text(json.dumps(document))
 
 
 @pytest.fixture
@@ -351,35 +344,13 @@ def test_nothing_is_sent_unless_asked_for(folder: Path) -> None:
     assert "/dev/nowhere" in really.stderr
 
 
-def test_only_verified_programs_are_sent(folder: Path) -> None:
-    path, judgement = folder / "BLADE1.H", folder / "BLADE1.H.verification.json"
-    cases = []
-    judge(path, [{"code": "CF201", "what": "gouge"}])
-    cases.append((judgement.read_text(), "1 findings (CF201)"))
-    judge(path)
-    cases.append((judgement.read_text().replace('"program_sha256": "', '"program_sha256": "0'), "another text"))
-    cases.append(("{", "no readable verification"))
-    cases.append(("[]", "is no verification"))
-    cases.append(("", "no readable verification"))
-    for text, words in cases:
-        judgement.write_text(text)
-        result = invoke("send", "BLADE1.H")
-        assert result.exit_code == 3
-        assert words in result.stderr
-    judgement.unlink()
-    result = invoke("send", "BLADE1.H")
-    assert result.exit_code == 3 and "is missing" in result.stderr
-    result = invoke("send", "BLADE1.H", "--unverified")
-    assert result.exit_code == 0 and "sent all the same" in result.stderr
-
-
 def test_serve_offers_a_folder_and_nothing_else(folder: Path) -> None:
     served = folder / "served"
     served.mkdir()
     for name in ("A.H", "B.H", "C.H"):
         (served / name).write_bytes(text_of(8, name[0]))
         judge(served / name)
-    judge(served / "C.H", [{"code": "CF201"}])
+    judge(served / "C.H", ["CF201"])
     (folder / "SECRET.H").write_bytes(text_of(5, "SECRET"))
     (served / "LINK.H").symlink_to(folder / "SECRET.H")
     listing = invoke("serve", "served", "--profile", "itnc530-fe1")

@@ -22,8 +22,9 @@ from conflank_cli.job import Obstacles
 from conflank_cli.motion import Motion, fitted
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE, Section, Tool
-from tests.geometry.test_screening import PLATE, TOOL, frustum, straight, wall
+from tests.geometry.test_screening import PLATE, STEPPED, TOOL, frustum, straight, wall
 from tests.verification.scenes import cylinder_face, plane_face, scene_of
+from tests.verification.test_neighbours import GROOVE_AT, RADIUS, chords, groove, groove_scene
 
 T1 = CATALOGUE["T1"]
 ODD = Tool("O", 2.0, 2.0, 10.0, (Section(5.0, 3.0, 10.0),), (Section(30.0, 12.0, 8.0), Section(12.0, 40.0, 30.0)))
@@ -263,3 +264,83 @@ def test_sag_of_a_mesh_is_the_rise_of_its_arcs() -> None:
     rise = 20.0 * (1.0 - np.cos(np.pi / 72))
     assert sag.min() > 0.99 * rise and sag.max() < 1.05 * rise
     assert mesh_sags(mesh_of(body, -1)).max() == 0.0
+
+
+BALL = Tool("B", 1.5, 3.0, 24.0, (Section(6.0, 6.0, 40.0),), ())
+UP = np.array([[0.0, 0.0, 1.0]])
+
+
+def in_groove(depth: float) -> np.ndarray:
+    """The point of BALL's axis at height 0 where its ball is so deep in the lowest line of the groove, upright."""
+    return np.array([[GROOVE_AT, 10.3, -RADIUS - depth - BALL.tip_height]])
+
+
+@pytest.mark.parametrize(("depth", "free"), [(0.004, True), (0.0098, False), (0.012, False)])
+def test_a_neighbour_is_as_deep_as_its_surface(depth: float, free: bool) -> None:
+    # The design face lies beside the groove, within the cutter's reach.
+    collider = Collider.of(replace(groove_scene(tool=BALL), faces=(plane_face((36.0, 50.0), (0.0, 20.0)),)))
+    assert bool(collider.free(in_groove(depth), UP, BALL)[0]) is free
+    found = collider.poses(in_groove(depth), UP, BALL)
+    # Its triangles are made within 2 um, and what they are off counts against the ball.
+    assert -depth - 0.005 <= found.clearance[0, 0] <= -depth + 1e-5
+
+
+def test_sag_of_triangles_alone_counts_against_the_cutter() -> None:
+    """Chords 25 um above the groove's bottom: what is just at the bottom may be as much too deep."""
+    collider = Collider.of(groove_scene(known=False, tool=BALL))
+    assert not collider.free(in_groove(0.0), UP, BALL)[0]
+    chord = RADIUS * (1.0 - np.cos(0.25 * np.pi / 7.0))
+    assert collider.poses(in_groove(0.0), UP, BALL).clearance[0, 0] == pytest.approx(-2.0 * chord, abs=0.001)
+
+
+def test_sag_of_a_design_face_counts_for_the_cutter() -> None:
+    """It is meant to touch: a ball at the bottom of a groove that it cuts is no deeper in it than the triangles are."""
+    scene = scene_of(groove(RADIUS, (0.0, 20.0)), tools=(BALL,))
+    collider = Collider.of(scene)
+    across = np.linspace(9.0, 11.0, 41)
+    p = np.repeat(in_groove(0.0), 41, axis=0)
+    p[:, 1] = across
+    clearance = collider.poses(p, np.repeat(UP, 41, axis=0), BALL).clearance[:, 0]
+    assert clearance.min() >= -2e-5 and clearance.max() < 0.002
+
+
+@pytest.mark.parametrize(("component", "radius"), [("shank", 2.5), ("holder", 8.0)])
+def test_sag_of_a_design_face_counts_against_shank_and_holder(component: str, radius: float) -> None:
+    """Along tangents of a cylinder, over chords and their ends: never further away than its arc."""
+    pipe, off, height = 30.0, 0.02 if component == "shank" else 1.2, 28.0 if component == "shank" else 45.0
+    collider = Collider.of(scene_of(cylinder_face(pipe, (0.0, 20.0)), tools=(STEPPED,)))
+    angle = np.linspace(0.3, 1.2, 101)
+    d = np.stack([-np.sin(angle), np.zeros(101), np.cos(angle)], axis=1)
+    away = np.stack([np.cos(angle), np.zeros(101), np.sin(angle)], axis=1)
+    p = (pipe + off + radius) * away + [0.0, 10.0, 0.0] - height * d
+    found = collider.poses(p, d, STEPPED).clearance[:, COMPONENTS.index(component)]
+    assert found.max() <= off + 2e-5 and found.min() > off - 0.003
+
+
+@pytest.mark.parametrize(("component", "radius"), [("shank", 2.0), ("holder", 6.0)])
+def test_sag_counts_against_shank_and_holder(component: str, radius: float) -> None:
+    """Chords of 13 degrees of a pipe R 4 beside the tool: its arc comes 26 um nearer than they."""
+    tool = Tool("S", 1.0, 1.0, 10.0, (Section(4.0, 4.0, 20.0),), (Section(12.0, 12.0, 30.0),))
+    low = 10.0 if component == "shank" else 30.0
+    pipe = chords(RADIUS, (-30.0, 30.0))
+    # The concave quarter turned over and lifted: its back, with the lowest line, faces the tool.
+    turned = pipe.vertices[:, [2, 1, 0]] - [0.0, 0.0, GROOVE_AT - low - 9.0]
+    off, pipe = 0.8, replace(pipe, vertices=turned)
+    place = np.array([[-RADIUS - off - radius, 0.0, 0.0]])
+    found = Collider.of(scene_of(tools=(tool,), check=pipe)).poses(place, UP, tool)
+    assert found.clearance[0, COMPONENTS.index(component)] == pytest.approx(off, abs=0.002)
+
+
+def test_what_a_region_leaves_of_its_face_is_no_less_protected() -> None:
+    """Between poses too: a cut that dips 25 um beyond the region is free up to there, one that dips 5 um is free."""
+    rest = plane_face((40.0, 70.0), (-30.0, 30.0))
+    scene = replace(scene_of(plane_face((-40.0, 40.0), (-30.0, 30.0)), tools=(TOOL,)), rest=(rest,))
+    collider = Collider.of(scene)
+    t = np.linspace(0.0, 1.0, 30)
+    for dip, clear in ((0.005, True), (0.025, False)):
+        x = np.stack([20.0 + 40.0 * t, np.zeros(30), 3.0 - dip * np.clip(4.0 * t - 2.2, 0.0, 1.0)], axis=1)
+        motion = fitted(t, np.hstack([x, x + np.array([0.0, 0.0, TOOL.length])]), 20)
+        assert collider.motion(motion, TOOL, design=False).clear is clear
+        assert (collider.allowed(motion, TOOL) is motion) is clear
+        least = min(collider.least(motion, TOOL, design=False), key=lambda reason: reason.slack)
+        assert least.body == "rest" and least.clearance == pytest.approx(-dip, abs=0.005)

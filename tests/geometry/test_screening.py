@@ -287,3 +287,41 @@ def test_many_poses_of_one_direction_are_free_where_each_is() -> None:
     each = screen.free(p.reshape(-1, 3), np.repeat(d, 40, axis=0), TOOL).reshape(6, 40)
     np.testing.assert_array_equal(screen.free_along(p, d, TOOL), each)
     assert not each[4].any() and 0.1 < each.mean() < 0.9
+
+
+STEPPED = Tool("R", 3.0, 3.0, 20.0, (Section(5.0, 5.0, 15.0),), (Section(16.0, 16.0, 20.0),))
+
+
+@pytest.mark.parametrize(
+    ("face", "height", "reach"),
+    [
+        (9, 28.0, 2.5 + 0.5),
+        (9, 45.0, 8.0 + 1.0),
+        (-1, 10.0, 3.0 + 0.2),
+        (-1, 28.0, 2.5 + 0.5),
+        (-1, 45.0, 8.0 + 1.0),
+    ],
+    ids=["shank", "holder", "cutter at an obstacle", "shank at an obstacle", "holder at an obstacle"],
+)
+def test_the_screen_keeps_two_hundredths_more_than_the_margins(face: int, height: float, reach: float) -> None:
+    """What lies between its points and poses is nearer than they are; a spike's tip is one of the points."""
+    spike = CheckMesh(
+        np.array([[20.0, 0.0, height], [30.0, 0.1, height + 0.1], [30.0, -0.1, height - 0.1]]),
+        np.array([[0, 1, 2]], dtype=np.int32), np.array([face], dtype=np.int32),
+    )  # fmt: skip
+    below = plane_face((-40.0, 80.0), (-40.0, 40.0), z=-10.0)
+    screen = Screen.of(scene_of(below, tools=(STEPPED,), check=spike))
+    up = np.array([[0.0, 0.0, 1.0]])
+    for more, free in ((0.015, False), (0.025, True)):
+        place = np.array([[20.0 - reach - more, 0.0, 0.0]])
+        assert bool(screen.free(place, up, STEPPED)[0]) is free
+
+
+def test_what_a_region_leaves_of_its_face_is_screened_like_the_region() -> None:
+    rest = plane_face((100.0, 130.0), (-40.0, 40.0))
+    screen = Screen.of(replace(scene_of(PLATE, tools=(TOOL,)), rest=(rest,)))
+    foot = screen.rest.points[np.argmin(np.linalg.norm(screen.rest.points - [115.0, 0.0, 0.0], axis=1))]
+    up = np.array([[0.0, 0.0, 1.0]])
+    for depth, free in ((0.009, True), (0.011, False)):
+        place = foot + np.array([0.0, 0.0, 3.0 - depth])
+        assert bool(screen.free(place[None], up, TOOL)[0]) is free

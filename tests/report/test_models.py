@@ -120,7 +120,7 @@ def test_tables_say_what_the_verification_says() -> None:
     assert (row["kind"], row["tool"]) == ("sweep", "T1")
     assert float(row["gap_min_um"]) == pytest.approx(-2.0, abs=1e-3)
     posed = pose_program(lying_cone(-0.002), scene)
-    rows = list(csv.DictReader(io.StringIO(poses_csv(posed))))
+    rows = list(csv.DictReader(io.StringIO(poses_csv(posed, scene))))
     assert [int(row["block"]) for row in rows] == posed.poses.moves.block.tolist()
     cutting = [row for row in rows if row["cut"] == "sweep 1"]
     assert float(cutting[-1]["x_mm"]) == 25.0 and float(cutting[-1]["feed_mm_min"]) == 1000.0

@@ -11,12 +11,15 @@ import pytest
 
 from benchmarks.envelopes import swept_gap
 from conflank_cli.coverage import Reason
+from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.gap import motion_gap
 from conflank_cli.geometry.workface import WorkFace
 from conflank_cli.motion import Motion, uniform_knots
 from conflank_cli.progress import SilentProgress
 from conflank_cli.scene import Scene
 from conflank_cli.selection import select
 from conflank_cli.selection.choice import LINK_SECONDS, TOOL_CHANGE_SECONDS
+from conflank_cli.selection.judging import Face
 from conflank_cli.sweep import Sweep
 from conflank_cli.tool import Section, Tool
 from tests.verification.scenes import cylinder_face, plane_face, scene_of, triangles_of
@@ -230,3 +233,61 @@ def test_of_as_few_sweeps_those_of_one_tool() -> None:
     plan, summary = selected(scene, sweeps, SilentProgress())
     assert [sweep.tool for sweep in plan] == ["C", "C"]
     assert summary["tool_changes"] == 0
+
+
+def test_what_the_screen_misses_between_its_poses_is_not_chosen() -> None:
+    """A spike that hangs over the way, its tip 15 um too low: the screen's poses stand 0.4 and 0.6 mm beside it."""
+    tip = np.array([10.4, 10.0, 5.985])
+    spike = CheckMesh(
+        tip + np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 9.0], [-0.1, 0.0, 9.0]]),
+        np.array([[0, 1, 2]], dtype=np.int32), np.array([9], dtype=np.int32),
+    )  # fmt: skip
+    plan, _ = selected(plate_scene(0.3).checking(spike), [strip(0.0)], SilentProgress())
+    (sweep,) = plan
+    p, _ = sweep.motion.ends(np.linspace(0.0, 1.0, 2001))
+    # No pose within sqrt(6 * 0.005) mm of the tip's x is left: there the tip is more than 10 um within the flute.
+    assert np.abs(p[:, 0] - tip[0]).min() > 0.17
+    assert plan[0].facts["covered_area_mm2"] < 0.9 * WIDTH * FLUTE
+
+
+def test_an_overcut_between_all_points_is_not_chosen() -> None:
+    """A dip so narrow that the cylinder leaves an arc of its own radius, midway between two columns of points."""
+    face = Face.of(PLATE)
+    fine, coarse = (np.unique(np.round(samples.points[:, 0], 9)) for samples in (face.fine, face.coarse))
+    between = 0.5 * (fine[1:] + fine[:-1])
+    between = between[(between > 20.0) & (between < 30.0)]
+    x0 = float(between[np.argmax([np.abs(coarse - x).min() for x in between])])
+    count, depth = 401, 0.0105
+    knots = uniform_knots(count)
+    greville = np.array([knots[k + 1 : k + 4].mean() for k in range(count)])
+    x = -3.0 + greville * (WIDTH + 6.0)
+    # A cubic takes two thirds of what a single control point is lowered by; this one is moved to the middle.
+    dip = int(np.argmin(np.abs(x - x0)))
+    x += x0 - x[dip]
+    z = np.full(count, 3.0)
+    z[dip] -= 1.5 * depth
+    p = np.stack([x, np.zeros(count), z], axis=1)
+    sweep = Sweep(0, "C", Motion(knots, p, p + np.array([0.0, FLUTE, 0.0])), {})
+    around = np.stack([x0 + np.linspace(-0.4, 0.4, 801), np.full(801, 10.0), np.zeros(801)], axis=1)
+
+    def deepest(points: np.ndarray, cut: Sweep) -> float:
+        return float(motion_gap(cut.motion, TOOL, points, 0.0)[0].min())
+
+    tolerance = 0.010 - 0.0005
+    assert deepest(around, sweep) == pytest.approx(-depth, abs=1e-5)
+    assert min(deepest(face.fine.points, sweep), deepest(face.coarse.points, sweep)) > -tolerance
+    plan, summary = selected(plate_scene(0.45), [sweep], SilentProgress())
+    assert summary["coverage"] > 0.45
+    for chosen in plan:
+        assert deepest(around, chosen) >= -tolerance - 1e-6
+        assert chosen.facts["certified_overcut_um"] <= 9.5
+
+
+def test_the_rest_of_a_face_is_kept_by_what_is_chosen() -> None:
+    """A strip that rises out of its region as deep as it may, and one that goes 20 um deeper beside it."""
+    scene = replace(plate_scene(0.3), rest=(plane_face((WIDTH, WIDTH + 20.0), (0.0, HEIGHT)),))
+    for turn, whole in ((0.0, True), (-0.030, False)):
+        lower = strip(0.0, (-3.0, WIDTH + 15.0), off=-0.4 * turn, turn=turn)
+        plan, _ = selected(scene, [lower], SilentProgress())
+        end = max(float(cut.motion.ends([0.0, 1.0])[0][:, 0].max()) for cut in plan)
+        assert (end > WIDTH + 14.9) is whole

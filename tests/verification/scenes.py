@@ -22,9 +22,9 @@ def rectangle(u0: float, u1: float, v0: float, v1: float) -> np.ndarray:
     return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
 
 
-def plane_face(x: tuple[float, float], y: tuple[float, float], number: int = 0) -> DesignFace:
-    """The plane z = 0 with u = x, v = y, metal below."""
-    poles = np.array([[[a, b, 0.0] for b in y] for a in x])
+def plane_face(x: tuple[float, float], y: tuple[float, float], number: int = 0, z: float = 0.0) -> DesignFace:
+    """The plane at a height z with u = x, v = y, metal below."""
+    poles = np.array([[[a, b, z] for b in y] for a in x])
     surface = BSplineSurface(1, 1, np.array([x[0], *x, x[1]]), np.array([y[0], *y, y[1]]), poles)
     return DesignFace(number, "plane", surface, (rectangle(*x, *y),), 1)
 

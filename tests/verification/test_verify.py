@@ -19,7 +19,8 @@ from conflank_cli.tool import Section, Tool
 from conflank_cli.verification.findings import CODES
 from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.result import Verification, from_json
-from conflank_cli.verification.sampling import Surroundings, sample_face
+from conflank_cli.verification.sampling import sample_face
+from conflank_cli.verification.surroundings import Surroundings
 from tests.verification.scenes import (
     ROTARY_TOLERANCE,
     T1,

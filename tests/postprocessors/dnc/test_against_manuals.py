@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -288,12 +289,72 @@ def test_characters_that_are_none_of_a_program(tmp_path) -> None:
 
 
 def test_a_program_that_changes_while_it_is_sent(tmp_path) -> None:
-    path = write(tmp_path / "P.H", *[f"{n} L X+{n}" for n in range(3000)])
-    text = read_program(path, profile()).text()
+    """What was read is what is sent; nobody asks the file again."""
+    lines = [f"{n} L X+{n}" for n in range(3000)]
+    path = write(tmp_path / "P.H", *lines)
+    program = read_program(path, profile())
+    text = program.text()
     next(text)
     path.write_bytes(path.read_bytes().replace(b"2999 L X+2999", b"2999 L X-2999"))
-    with pytest.raises(PostError, match="changes while it is sent"):
-        list(text)
+    assert [*text] == [line.encode() for line in lines[1:]]
+    path.unlink()
+    assert sha256(program.data).hexdigest() == program.sha256
+    assert [*program.text()] == [line.encode() for line in lines]
+
+
+def test_a_device_without_end_is_no_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("postprocessors.dnc.program.LARGEST", 1 << 20)
+    with pytest.raises(PostError, match="more than 1 MB"):
+        read_program(Path("/dev/zero"), profile())
+
+
+# --- what is left when somebody breaks off -------------------------------------------------------------------------
+
+
+def test_what_the_standard_sender_leaves_behind() -> None:
+    engine = StandardSender(profile(), "15", iter([FIRST, LAST]))
+    engine.begin(0.0)
+    assert engine.left_behind() == ""
+    engine.received(DC1, 0.0)
+    assert engine.left_behind() == ""
+    assert engine.output(0.0)
+    assert engine.left_behind() == "what has gone out to the control: 1 line"
+    now = 0.0
+    while engine.wake_at(now) is not None and (now := now + 0.01) < 5.0:
+        engine.output(now)
+    assert engine.left_behind() == "the whole program has gone out to the control (2 lines), which has not confirmed it"
+    engine.received(EOT, now)
+    assert (
+        engine.finished
+        and engine.left_behind() == "the control has received the whole program (2 lines) and confirmed it"
+    )
+
+
+def test_what_the_blockwise_server_leaves_behind() -> None:
+    engine = BlockwiseServer(profile("blockwise"), "15", MemoryStore({"15.H": [FIRST, LAST]}), once=True)
+    engine.begin(0.0)
+    assert engine.left_behind() == ""
+    said = []
+    for sent in (frame(SOH, b"H15E") + DC1, ACK, ACK, EOT):
+        engine.received(sent, 0.0)
+        now = 0.0
+        while engine.sending or now == 0.0:
+            engine.output(now)
+            now += 0.01
+        said.append(engine.left_behind())
+    assert said == [
+        "the control has acknowledged 0 blocks of 15 and may have one more",
+        "the control has acknowledged 1 block of 15 and may have one more",
+        "the control has acknowledged 15 to its last block (2 blocks), but not the end",
+        "the control has received all of 15 (2 blocks) and confirmed it",
+    ]
+
+
+def test_what_a_receiver_leaves_behind_is_nothing() -> None:
+    engine = StandardReceiver(profile(), "15", MemorySink())
+    exchange(engine, ("<", FIRST + b"\r\n"))
+    engine.abort("interrupted", 1.0)
+    assert engine.left == ""
 
 
 # --- documentation --------------------------------------------------------------------------------------------------
