@@ -119,39 +119,50 @@ def retracted_starts(name: str, zero: Array, length: float, words: dict[str, flo
         yield tip_on_part(name, np.array([across * x, along * y, z]), words, zero, length)
 
 
-def rapids(text: str) -> Iterator[tuple[dict[str, float], list[tuple[Array, dict[str, float]]]]]:
-    """Of each stay at the part: rotary words before it, and the poses of all its blocks as tip and words.
+Pose = tuple[Array, dict[str, float]]
 
-    Feed blocks are there as well; None in between would not make the ways shorter.
+
+def rapids(text: str) -> Iterator[tuple[dict[str, float], list[Pose], list[Pose]]]:
+    """Of each stay at the part: rotary words before it, the poses of the rapids it begins with, and that it ends with.
+
+    The first of the way out is the pose on the safe plane, after that beside the face.
     """
     for stay in text.split("FUNCTION TCPM")[1:]:
-        poses = []
+        poses, fast = [], []
         for block in stay.partition("FUNCTION RESET TCPM")[0].splitlines():
             if found := re.search(r" L X(\S+) Y(\S+) Z(\S+) ([ABC])(\S+) ([ABC])(\S+)", block):
                 tip = np.array([float(found[k]) for k in (1, 2, 3)])
                 poses.append((tip, {found[4]: float(found[5]), found[6]: float(found[7])}))
+                fast.append("FMAX" in block)
         turn = re.findall(r" L ([ABC])(\S+) ([ABC])(\S+) R0 FMAX", text.partition(stay)[0])[-1]
-        yield {turn[0]: float(turn[1]), turn[2]: float(turn[3])}, poses
+        yield (
+            {turn[0]: float(turn[1]), turn[2]: float(turn[3])},
+            poses[: fast.index(False)],
+            poses[len(fast) - fast[::-1].index(False) :],
+        )
 
 
 def first_rapids(name: str, text: str, zero: Array, length: float, points: Array) -> float:
-    """Least clearance from any start to the first pose of a stay and, with a head, to the second; out to upright."""
+    """Least clearance from any start to the pose on the safe plane, and from there to upright."""
     least, share = np.inf, np.linspace(0.0, 1.0, COUNT)[:, None]
     with_head = any(in_head for *_, in_head in AXES[name][0])
-    for words, poses in rapids(text):
-        tip, first = poses[0]
+    for words, inward, outward in rapids(text):
+        tip, first = inward[0]
         assert first == words
         axis = np.repeat(axis_on_part(name, words)[None], COUNT, axis=0)
         starts = list(retracted_starts(name, zero, length, words))
         for start in starts:
             assert (start - tip) @ turned(name, words, head=False).apply([0.0, 0.0, 1.0]) >= 0.0
             least = min(least, clearance(T1, start + share * (tip - start), axis, points))
+        # The last of these rapids leads down beside the face; with a head one more may come before it.
+        assert len(inward) == 2 or (with_head and len(inward) == 3)
+        if len(inward) == 3:
+            least = min(least, clearance(T1, tip + share * (inward[1][0] - tip), axis, points))
         if not with_head:
-            # The first pose is that on the safe plane; the second lies beside the face.
+            assert len(outward) == 1
             continue
-        least = min(least, clearance(T1, tip + share * (poses[1][0] - tip), axis, points))
         # Out: from the pose on the safe plane to above, then the head turns.
-        for (low, before), (high, after) in pairwise(poses[-3:]):
+        for (low, before), (high, after) in pairwise(outward):
             between = [{key: before[key] + part * (after[key] - before[key]) for key in before} for part in share[:, 0]]
             axis = np.array([axis_on_part(name, words) for words in between])
             least = min(least, clearance(T1, low + share * (high - low), axis, points))
