@@ -304,6 +304,7 @@ _FEED = [
     Edit("M109", in_cut("M109"), "either", "it changes feeds of arcs only"),
     Edit("M128 F0", sub("^M128$", "M128 F0"), style="m128"),
     Edit("M128 F500", sub("^M128$", "M128 F500"), "either", "it caps the movement of the axes", style="m128"),
+    Edit("the first positioning at a feed that nothing has set", sub(r"^(L X.*) R0 FMAX$", r"\1 R0")),
     Edit("a feed of three decimals", first_feed("F800.000"), "none"),
 ]
 
@@ -769,8 +770,6 @@ _STRETCH = re.compile(r"(?:; |PPRINT/)(APPROACH|SWEEP|PASS|RETRACT|LINK) \d")
 _POSE = re.compile(r"(?:LN? X|(?:G0[01] )?(?:G4\d )?(?:G90 )?X|GOTO/)")
 _WORDS = re.compile(r"(?<![A-Z])([A-Z]+)([+-]?\d+(?:\.\d*)?)(?![\d.])")
 
-Trace = list[tuple[object, ...]]
-
 
 def control_lines(blocks: Blocks, poses: bool) -> list[int]:
     """Lines that are no poses and, with `poses`, the first and last pose of every stretch."""
@@ -847,62 +846,93 @@ _BY_KEY = {
     **{word: "spindle" for word in ("M5", "SPINDL")},
     **{word: "coolant" for word in ("M7", "M8", "M9", "COOLNT")},
     **{word: "preset" for word in ("G247", "Q339=+1")},
-    **{word: "shortest way" for word in ("M126", "M127")},
-    **{word: word for word in ("PLANE", "UNITS", "MULTAX")},
+    **{word: word for word in ("PLANE", "UNITS")},
 }
 """What words of posted programs set, by the first word of a line."""
-_WITHOUT_EFFECT = frozenset(("BLK", "PPRINT", "G30", "G31", "PARTNO", "M30"))
-_ALWAYS = ("control", "PLANE", "preset", "tool", "UNITS", "MULTAX")
-_AT_FEED = (*_ALWAYS, "spindle", "coolant", "tolerance", "feed")
+_WITHOUT_EFFECT = frozenset(("BLK", "PPRINT", "G30", "G31", "PARTNO", "M30", "MULTAX", "M126", "M127"))
+"""What moves nothing; the shorter way of rotary axes is followed by the verification, so that it is judged."""
+_ALWAYS = ("control", "PLANE", "preset", "tool", "UNITS")
+_AT_FEED = (*_ALWAYS, "spindle", "coolant", "tolerance")
+_LIKE = 1.1
+"""Feeds that differ by no more than this factor are those of neighbouring blocks."""
 
 
-def trace(text: str, kind: str) -> tuple[Trace, set[object]]:
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing that a machine does: the words, whether at rapid, the feed (0 at rapid), and what holds for it."""
+
+    code: str
+    rapid: bool
+    feed: float
+    holds: tuple[object, ...]
+
+    def like(self, other: Step) -> bool:
+        """The same, but for feeds that differ a little, or a rapid that goes at a feed known before."""
+        if self.code != other.code:
+            return False
+        if self.rapid and not other.rapid:
+            return other.feed > 0.0 and dict(self.holds).items() <= dict(other.holds).items()
+        feeds = sorted((self.feed, other.feed))
+        return self.rapid == other.rapid and self.holds == other.holds and feeds[1] <= _LIKE * feeds[0]
+
+
+def trace(text: str, kind: str) -> list[Step]:
     """What a machine does by a posted program, told by the few words that posts use: an authority for mutants.
 
-    Returns its events with what holds for each, and what holds for feed moves anywhere (but their feeds). The shorter
-    way of rotary axes (M126) is left out: verification follows it, so that it is judged. Written for the edits of
-    posted programs alone; what it does not know is an event.
+    Written for the edits of posted programs alone; what it does not know is a step of its own.
     """
-    state: dict[str, str] = {}
-    events: Trace = []
-    held: set[object] = set()
+    state: dict[str, str] = {"control": "FUNCTION RESET TCPM"}
+    steps: list[Step] = []
     facts = tuple(sorted({block for block in blocks_of(text, kind) if _FACT.match(block)}))
     for block in blocks_of(text, kind):
         code = block.partition(";")[0].strip()
         word = re.split("[ /]", code)[0]
         if not code or word in _WITHOUT_EFFECT:
             continue
-        if code.startswith("CYCL DEF 32") or word == "G62":
-            state["tolerance"] = code if code[:13] in ("CYCL DEF 32.0", code) else state.get("tolerance", "") + code
+        if code.startswith("CYCL DEF 32"):
+            state["tolerance"] = code if "32.0" in code else state.get("tolerance", "") + code
+        elif word == "G62":
+            state["tolerance"] = code
         elif word in _BY_KEY:
-            state[_BY_KEY[word]] = code
+            state[_BY_KEY[word]] = "FUNCTION RESET TCPM" if word == "M129" else code
         elif word in ("RAPID", "FEDRAT"):
-            state["feed"] = code
+            state["feed"] = code.replace("FEDRAT/", "").removesuffix(",MMPM")
         elif code != "CYCL DEF 247 DATUM SETTING ~":
-            _motion(code, word, state, events, held, facts)
-    return events, held
+            _step(code, word, state, steps, facts)
+    return steps
 
 
-def _motion(
-    code: str, word: str, state: dict[str, str], events: Trace, held: set[object], facts: tuple[str, ...]
-) -> None:
+def _step(code: str, word: str, state: dict[str, str], steps: list[Step], facts: tuple[str, ...]) -> None:
     """One line that moves, or whatever else it does."""
     if feed := re.search(r" F(\d+)", code):
-        state["feed"] = feed[0]
+        state["feed"] = feed[1]
     if " M3" in code:
         state["spindle"] = "M3"
-    if word in ("TOOL", "LOADTL") or re.match(r"T\d", word):
+    changes = bool(re.match(r"TOOL CALL|LOADTL|T\d", code))
+    if changes:
         state["tool"], state["spindle"] = code, ""
     retract = "M140" in code or word == "RETRCT"
     rapid = "FMAX" in code or "G00" in code or state.get("feed") == "RAPID" or retract
-    at_feed = bool(_POSE.match(code)) and not rapid
-    holds = tuple((key, state.get(key, "")) for key in (_AT_FEED if at_feed else _ALWAYS))
-    if at_feed:
-        held.add(holds[:-1])
+    pose = bool(_POSE.match(code))
+    # A retract goes along the tool axis, whatever holds; what is on matters in the cut.
+    keys = () if retract or changes else _AT_FEED if pose and not rapid else _ALWAYS
+    holds = (*((key, state.get(key, "")) for key in keys), ("facts", facts))
+    value = float(state.get("feed") or 0.0) if pose and not rapid else 0.0
     if state.get("feed") == "RAPID":
         state["feed"] = ""
-    event = (re.sub(r" (?:F\d+|M3|R0)(?= |$)", "", code), rapid, holds, facts)
-    # The same again directly after itself moves nothing, and a tool that has just been changed is retracted.
-    changed = bool(events) and re.match(r"TOOL|LOADTL|T\d", str(events[-1][0])) is not None
-    if not (events and events[-1] == event) and not (retract and changed):
-        events.append(event)
+    step = Step(re.sub(r" (?:F\d+|M3|R0)(?= |$)", "", code), rapid, value, holds)
+    # The same again directly after itself moves nothing; a tool that has just been changed, or none, is retracted.
+    idle = retract and (not steps or re.match(r"TOOL CALL|LOADTL|T\d", steps[-1].code))
+    if not idle and not (steps and steps[-1] == step):
+        steps.append(step)
+
+
+def alike(one: list[Step], other: list[Step]) -> bool:
+    """Whether a machine does the same by both traces, the first being the posted program's."""
+    return len(one) == len(other) and all(a.like(b) for a, b in zip(one, other, strict=True))
+
+
+def only_moved(one: list[Step], other: list[Step]) -> bool:
+    """Whether feed moves of the other trace are under nothing that the first has not: then motion alone differs."""
+    held = {step.holds for step in one if step.feed}
+    return all(step.holds in held for step in other if step.feed)
