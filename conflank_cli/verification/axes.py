@@ -149,7 +149,8 @@ def _positions(posed: PosedProgram, scene: Scene, half: float, half_turn: float)
         for turn in half_turn * np.eye(2):
             moved = machine.nose(tip, rotary[mounted] + turn, zero, length[mounted])
             wrong[mounted, :3] += np.abs(moved - lines[mounted])
-    return np.hstack([lines, rotary]), wrong
+    # APT data is for no machine in particular: only the way of the tip is known.
+    return np.hstack([lines, rotary if posed.program.control else np.zeros_like(rotary)]), wrong
 
 
 def _shorter_ways(turns: Array, machine: MachineModel) -> Array:

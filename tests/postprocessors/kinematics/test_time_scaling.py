@@ -114,8 +114,8 @@ def test_printed_feeds_keep_every_limit(kind: str, seed: int, count: int) -> Non
         return
     (seconds,) = scaled_seconds([run], LIMITS)
     assert (seconds >= run.least).all()
-    # Of a feed below some mm/min rounding leaves nothing; no cut has such a feed.
-    if (60.0 * run.way / seconds).min() > 5.0:
+    # Half a mm/min is 2 % of a feed of 25; of a lower one it takes more than second order leaves room for.
+    if (60.0 * run.way / seconds).min() > 25.0:
         assert max(asked(axes, printed(run, seconds))) <= 1.0
 
 
