@@ -457,7 +457,7 @@ class Recorder:
     def _append(self, point: Vector, rotary: _Turn, axis: Vector, rapid: bool, block: int) -> None:
         joined = self._physical is not None
         feed = nan if rapid else self.feed
-        if not rapid and joined and feed != feed:
+        if not rapid and feed != feed:
             self.find("CF112", "cutting move without a feed", block)
         tool = len(self.tool_calls) - 1
         self._rows.append(
