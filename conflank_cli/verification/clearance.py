@@ -53,10 +53,10 @@ nearer by 0.0038 mm^2 / r at most, 2.5 um at 1.5 mm."""
 CLOSEST = 2e-4
 """The nearest of them are halved on to this size, mm: what is left is far below 0.05 um, at the edge of a disc too."""
 
-_NEAREST = 48
+_NEAREST = 128
 """How many pieces are looked at so closely, of each kind of target and component."""
 
-_ROUND = 1.0
+_ROUND = 8.0
 """Between the corners of a piece of size h something may come nearer by h^2 over this, mm: by which the nearest are
 told, for radii of half a millimetre and more."""
 
