@@ -894,14 +894,14 @@ class Step:
     code: str
     rapid: bool
     feed: float
-    holds: tuple[object, ...]
+    holds: tuple[tuple[str, object], ...]
 
     def like(self, other: Step) -> bool:
         """The same, but for feeds that differ a little, or a rapid that goes at a feed known before."""
         if self.code != other.code:
             return False
         if self.rapid and not other.rapid:
-            return other.feed > 0.0 and dict(self.holds).items() <= dict(other.holds).items()
+            return other.feed > 0.0 and set(self.holds) <= set(other.holds)
         feeds = sorted((self.feed, other.feed))
         return self.rapid == other.rapid and self.holds == other.holds and feeds[1] <= _LIKE * feeds[0]
 
