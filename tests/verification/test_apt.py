@@ -181,7 +181,7 @@ def test_the_spindle_as_it_is_told() -> None:
     stopped = CLSF.replace("PAINT/COLOR,37", "SPINDL/OFF")
     read = read_program(stopped)
     assert read.moves.spindle.tolist() == [3000.0, 3000.0, 0.0, 0.0]
-    assert [(event.what, event.before) for event in read.events][0] == ("SPINDL/OFF", 2)
+    assert (read.events[0].what, read.events[0].before) == ("SPINDL/OFF", 2)
     turned = read_program(CLSF.replace("PAINT/COLOR,37", "SPINDL/CCLW"))
     assert turned.moves.spindle.tolist() == [3000.0, 3000.0, -3000.0, -3000.0]
     assert [event.before for event in turned.events if "turns round" in event.what] == [2]
