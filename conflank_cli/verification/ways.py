@@ -269,8 +269,6 @@ class _Walk:
             self._lose(state, move, f"{what} does not follow from the text", move.block)
         if move.kind not in ("tool", "limit", "machine"):
             self._set_rotary(state, move.words)
-        if move.kind == "turn":
-            state.in_plane = set(move.words.values()) == {None}
 
     def _across(self, move: UnknownMove, state: _State) -> None:
         """X and Y across the tool axis at an unknown height: as high as before where that axis is the machine's Z."""
@@ -287,13 +285,14 @@ class _Walk:
             if letter in words:
                 value = words[letter]
                 state.rotary[column] = np.nan if value is None else value
+                state.in_plane = set(words.values()) == {None}
         if not np.isfinite(state.rotary).all():
             state.nose = []
 
     def _change_tool(self, move: UnknownMove, state: _State) -> None:
         """The place where tools are changed is above everything; the way there goes up first."""
         if not state.retracted and (state.pose >= 0 or state.nose):
-            lift = min(self._lifts(state))
+            lift = float(np.min(self._lifts(state)))
             if not lift >= ABOVE:
                 why = "a tool is called while the cutter is not above everything along the machine's Z"
                 self._lose(state, move, why, move.block, lift if np.isfinite(lift) else None)
@@ -321,10 +320,13 @@ class _Walk:
             self._to_limit_on_machine(move, state, straight)
             return
         if state.pose >= 0:
+            up = self.machine.up(state.rotary[None])
             if straight:
                 self._rise(move, state)
+            elif np.isfinite(up).all():
+                self._rise_beside(move, state, up)
             else:
-                self._rise_beside(move, state, self.machine.up(state.rotary[None]))
+                self._lose(state, move, "a retract with rotary axes at positions that are not known", move.block)
         elif state.retracted and not straight:
             # At the top already, it goes no lower as long as the tool points down. Where the head stands after a tool
             # change is not in the text, but no tool is changed with its tip above the spindle.
@@ -545,7 +547,8 @@ class _Walk:
         elif not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
             self._find(f"{_LOST}: the rotary axes turn on the way down from the retract", block, program)
             return
-        lift = min(self._lift(self._tool(state), tip, axis, up) for up in ups)
+        # NaN, where it cannot be told, stays NaN.
+        lift = float(np.min([self._lift(self._tool(state), tip, axis, up) for up in ups]))
         if not lift >= ABOVE:
             kind = "rapid" if rapid else "feed move"
             why = f"a {kind} from a full retract to a pose that is not above everything along the machine's Z"

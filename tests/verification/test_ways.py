@@ -280,6 +280,15 @@ def test_a_table_that_turns_at_rest_takes_the_tool_along_an_arc() -> None:
     assert np.abs(np.diff(result.rotary[turning], axis=0)).max() <= radians(2.0) + 1e-12
 
 
+def test_a_retract_with_a_head_that_may_stand_anywhere() -> None:
+    """Nothing positions the axes before the first vector: the machine's Z is not known on the part."""
+    vector = f"TX+0 TY+{sin(radians(30)):.9f} TZ+{cos(radians(30)):.9f}"
+    body = [TCPM, f"LN X-30 Y+0 Z+100 {vector} FMAX", "FUNCTION RESET TCPM", "L M140 MB MAX"]
+    result = posed(body, on("head-table"))
+    assert np.isfinite(result.poses.tip).all()
+    assert [finding.block for finding in result.findings if finding.code == "CF116"] == [16, 18]
+
+
 @pytest.mark.parametrize("turns", [(0.03, 0.0), (0.0, 0.03), (0.02, 0.01), (0.015, -0.015)])
 def test_between_two_poses_nothing_rises_more_than_the_sagitta(turns: tuple[float, float]) -> None:
     """Points turned by both tables at once, against the chord between the ends."""
