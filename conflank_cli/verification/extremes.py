@@ -22,17 +22,17 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-_WORST = 16
+_WORST = 12
 """Places of a face, of its grid and of its border each, that are looked at more closely, for overcut and for stock."""
 
-_PAIRS = 32
+_PAIRS = 12
 """Pairs of points across the border of two patches that are looked at more closely."""
 
-_ROUNDS, _SMALLEST = 40, 2e-4
-"""What is looked at is halved wherever nothing around is better, to this share of the distance of points, 0.00006 mm on
+_ROUNDS, _SMALLEST = 40, 5e-4
+"""What is looked at is halved wherever nothing around is better, to this share of the distance of points, 0.00015 mm on
 a blade, by which nothing changes by 0.05 um; and so many times it is looked around at most."""
 
-_SIFTED, _KEPT = 4, 6
+_SIFTED, _KEPT = 3, 3
 """After so many rounds only so many places are followed, of each kind."""
 
 _AROUND = np.array([(i, j) for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0) if i or j])
