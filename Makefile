@@ -4,7 +4,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: setup check test test-all bench bench-speed first-user samples paper demo report-script clean
+.PHONY: setup check test test-all bench bench-edits bench-speed first-user samples paper demo report-script clean
 
 setup: $(BIN)/conflank
 
@@ -35,6 +35,10 @@ bench: setup
 	$(BIN)/python -m benchmarks.posts
 	$(BIN)/python -m benchmarks.collision --json benchmarks/results/collision.json
 	$(BIN)/python -m benchmarks.dnc
+
+# Edits of posted programs, single and systematic: how many the verification finds. Some twenty minutes of one core.
+bench-edits: setup
+	$(BIN)/python -m benchmarks.edits
 
 # The README in an empty folder, every command as it is printed: from nothing to a report, and its time.
 first-user: setup

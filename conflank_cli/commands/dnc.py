@@ -301,7 +301,7 @@ def receive(
         # It may have been complete in the moment before.
         if _stamp(path) == before:
             raise
-        raise Interrupted(f"{path} was received, whole") from None
+        raise Interrupted(f"{path} was received completely") from None
     note_done(f"{path} was written")
     if as_json:
         _print_json({"files": [str(path)], "name": name, "from": wiring.port} | done)
@@ -544,9 +544,9 @@ def check(
 
 
 LOOK = {
-    "send": "look at the control, and delete there what is not whole",
-    "drip": "look at the machine first: it may stand in the cut, or run what it has",
-    "serve": "look at the control, and delete there what is not whole",
+    "send": "look at the control and delete incomplete files there",
+    "drip": "look at the machine first: it may have stopped in the cut, or still be running",
+    "serve": "look at the control and delete incomplete files there",
 }
 """What to do where a control has received something of a text that has not ended."""
 NOTHING = {

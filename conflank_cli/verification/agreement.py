@@ -42,6 +42,7 @@ def disagreements(program: Program, job: Job, tools: Sequence[Tool | None]) -> l
     findings = _spindle(program, tools, feed) + _coolant(program, job, feed)
     if program.control:
         findings += _preset(program, job)
+        findings += _plane(program, job)
         findings += _tolerance(program, job, tools, feed)
         findings += _sides(program, job)
     return findings
@@ -118,6 +119,14 @@ def _preset(program: Program, job: Job) -> list[Finding]:
         # One that no known move comes after is none the less wrong: it stays when the program has ended.
         findings += found or [Finding("CF118", text, program.presets[int(np.flatnonzero(other)[0])].block)]
     return findings
+
+
+def _plane(program: Program, job: Job) -> list[Finding]:
+    if job.program.foreign is not None:
+        return []
+    held = _in_force(program.tilts, len(program.moves.block))
+    text = "the working plane is neither reset nor tilted: one that an earlier program has tilted stays so"
+    return _first(program, held < 0, "CF118", text)
 
 
 def _tolerance(program: Program, job: Job, tools: Sequence[Tool | None], feed: Flags) -> list[Finding]:

@@ -232,6 +232,8 @@ class _Reading:
             self.recorder.find("CF109", f"coordinate beyond {_MOST:g} mm", block, "coordinate")
             self.recorder.lose_place(block)
             return
+        if not self.rapid and self.recorder.feed != self.recorder.feed:
+            self.recorder.find("CF112", "move at a feed that is not known", block)
         x, y, z = point
         self.point = point
         self.recorder.move({"X": x, "Y": y, "Z": z}, self.axis, self.rapid, block)
@@ -258,8 +260,9 @@ class _Reading:
         return minor[0] in ("", "ON", "OFF") and len(minor) == 1
 
     def at_rapid(self, minor: Sequence[str], block: int) -> bool:
-        """RAPID: the next move."""
+        """RAPID: the next move. Whether the feed of before goes on after it is not the same everywhere."""
         self.rapid = True
+        self.recorder.feed = nan
         return minor[0] == "" and len(minor) == 1
 
     def retract(self, minor: Sequence[str], block: int) -> bool:

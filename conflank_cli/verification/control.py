@@ -195,6 +195,15 @@ class Control:
             recorder.find("CF102", "tilt of a mirrored, rotated or scaled system is not followed", block)
             recorder.unfollowed = "a tilted plane"
         recorder.change_frame(replace(recorder.frame, tilt=matrix))
+        recorder.set(recorder.tilts, recorder.frame.tilted, block)
+
+    def reset_tilt(self, block: int) -> None:
+        """PLANE RESET: the working plane is that of the preset."""
+        recorder = self.recorder
+        if recorder.controlled and recorder.frame.tilted:
+            recorder.find("CF113", "PLANE RESET while tool centre point control is active", block)
+        recorder.change_frame(recorder.frame.without("tilt"))
+        recorder.set(recorder.tilts, False, block)
 
     def mirror(self, letters: str, block: int) -> None:
         """Cycle 8: these axes are mirrored, and no other."""
@@ -647,4 +656,5 @@ class Control:
             presets=tuple(recorder.presets),
             tolerances=tuple(recorder.tolerances),
             sides=tuple(recorder.sides),
+            tilts=tuple(recorder.tilts),
         )

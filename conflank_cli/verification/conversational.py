@@ -416,9 +416,7 @@ class _Reading(Control):
             matrix: Matrix | None = Frame().tilt
             if recorder.unfollowed.startswith("a tilted plane"):
                 recorder.unfollowed = ""
-            if recorder.controlled and recorder.frame.tilted:
-                recorder.find("CF113", "PLANE RESET while tool centre point control is active", block)
-            recorder.change_frame(recorder.frame.without("tilt"))
+            self.reset_tilt(block)
         else:
             matrix = self.plane_matrix(kind, rest[: len(rest) - len(tail)])
             if matrix is None:

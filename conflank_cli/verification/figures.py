@@ -57,12 +57,12 @@ def place_of(poses: Poses, point: Array, face: int, move: int, share: float) -> 
 
 
 def contact_length(poses: Poses, moves: Integers) -> float:
-    """Way of the tip from the first to the last of the given moves, mm."""
+    """Way of the tip from the first to the last of the given moves of a cut, mm, without what leads off the part."""
     if len(moves) == 0:
         return 0.0
     first, last = int(moves.min()), int(moves.max())
     span = np.arange(first, last + 1)
-    joined = span[poses.moves.joined[span]]
+    joined = span[poses.moves.joined[span] & (poses.moves.cut[span] == poses.moves.cut[first])]
     return float(np.linalg.norm(poses.tip[joined] - poses.tip[joined - 1], axis=1).sum())
 
 

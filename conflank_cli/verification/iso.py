@@ -223,7 +223,7 @@ class _Reading(Control):
             # Wherever the axes go there, nothing that comes after is known.
             self.recorder.move(dict.fromkeys("XYZABC"), None, False, block)
         elif re.fullmatch(r"PLANE RESET STAY", text):
-            self.recorder.change_frame(self.recorder.frame.without("tilt"))
+            self.reset_tilt(block)
         elif text.startswith("PLANE"):
             self.not_followed(f"a tilted plane by {text[:60]}", block)
         elif found := _JUMP.match(text):

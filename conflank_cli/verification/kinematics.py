@@ -65,15 +65,27 @@ def from_cad(frame: Frame, points: Array, vectors: Array) -> tuple[Array, Array]
 
 @dataclass(frozen=True, slots=True)
 class StatedAxes:
-    """Two rotary axes that a program describes: their letters, and the directions they turn the tool about."""
+    """Two rotary axes that a program or a machine describes: letters, and directions they turn the tool about.
+
+    reduced: the letters whose display stays within one turn, so that M126 takes the shorter way; None where that is not
+        known, and M126 holds for all.
+    """
 
     letters: str
     first: tuple[float, float, float]
     second: tuple[float, float, float]
+    reduced: str | None = None
 
 
 Axes = str | StatedAxes
 """A pair of rotary axes: by the letters of a usual pair, or described."""
+
+
+def reduced_of(axes: Axes) -> str:
+    """Letters of the rotary axes that M126 brings to their places the shorter way."""
+    if isinstance(axes, StatedAxes) and axes.reduced is not None:
+        return axes.reduced
+    return letters_of(axes)
 
 
 def letters_of(axes: Axes) -> str:

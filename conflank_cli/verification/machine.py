@@ -164,7 +164,8 @@ class MachineModel:
     @property
     def axes(self) -> StatedAxes:
         """The rotary axes as poses are computed with: a = R(first) R(second) z, signs in the directions."""
-        return StatedAxes(self.letters, self.rotary[0].direction, self.rotary[1].direction)
+        reduced = "".join(axis.letter for axis in self.rotary if axis.modulo)
+        return StatedAxes(self.letters, self.rotary[0].direction, self.rotary[1].direction, reduced)
 
     @property
     def limits(self) -> AxisLimits:

@@ -36,7 +36,6 @@ _SAME_TOOL = 1e-3
 _SAME_DIRECTION = 1e-6
 """Directions of a rotary axis that differ by less than this are the same: the header gives twelve decimals."""
 
-_ROTARY_WORD = re.compile(r"(?<![A-Z_])I?([ABC])(?=[+-]?[\d.,Q])")
 _COMMENT = re.compile(r";.*|\([^)\n]*\)")
 
 
@@ -180,9 +179,11 @@ def _by_machine(program: Program, machine: MachineModel) -> Program:
     return replace(program, letters=machine.axes, moves=replace(moves, rotary=rotary))
 
 
-def _named(texts: list[str]) -> frozenset[str]:
-    """Rotary letters that stand with a value anywhere in the text of programs, comments aside."""
-    return frozenset(found for text in texts for found in _ROTARY_WORD.findall(_COMMENT.sub("", text.upper())))
+def _named(texts: list[str], letters: str) -> frozenset[str]:
+    """Those of the rotary letters that stand with a value anywhere in the text of programs, comments aside."""
+    plain = [_COMMENT.sub("", text.upper()) for text in texts]
+    words = {letter: re.compile(rf"(?<![A-Z_])I?{letter}(?=[+-]?[\d.,Q])") for letter in letters}
+    return frozenset(letter for letter, word in words.items() if any(word.search(text) for text in plain))
 
 
 def _lengths(tools: list[Tool | None], gauge: Mapping[str, float]) -> tuple[float | None, ...]:
@@ -224,7 +225,7 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
         zero=None if zero is None else np.array(zero),
         lengths=lengths,
         below=below,
-        named=_named([text, *(part.text for part in program.called)]),
+        named=_named([text, *(part.text for part in program.called)], machine.letters),
         no_machine=not program.control,
     )
     ways = follow_ways(program, mounted)

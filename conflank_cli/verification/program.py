@@ -142,7 +142,7 @@ class Setting:
     ----------
     before: index of the first pose (row of `Moves`) that comes after it.
     value: the number of the preset; T (mm) and TA (degrees) of the tolerance cycle, None where it is as the builder
-        set it; the side of the radius compensation.
+        set it; the side of the radius compensation; whether the working plane is tilted.
     block: block number.
     """
 
@@ -213,7 +213,8 @@ class Program:
     called: the programs it calls that were followed.
     unknown: the moves whose way does not follow from the text alone, in program order.
     events: stops, dwells and the like.
-    presets, tolerances, sides: what cycle 247, cycle 32 and RL or RR have set, in program order.
+    presets, tolerances, sides, tilts: what cycle 247, cycle 32, RL or RR, and cycle 19 or PLANE have set, in program
+        order; of a tilt whether there is one.
     control: whether it is written for the control; APT data is not.
     """
 
@@ -232,6 +233,7 @@ class Program:
     presets: tuple[Setting, ...] = ()
     tolerances: tuple[Setting, ...] = ()
     sides: tuple[Setting, ...] = ()
+    tilts: tuple[Setting, ...] = ()
     control: bool = True
 
     @property

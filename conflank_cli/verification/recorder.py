@@ -13,7 +13,7 @@ import numpy as np
 
 from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.frames import Frame
-from conflank_cli.verification.kinematics import Axes, axis_of, letters_of
+from conflank_cli.verification.kinematics import Axes, axis_of, letters_of, reduced_of
 from conflank_cli.verification.program import (
     RETRACT_CHECKED,
     CutLabel,
@@ -68,6 +68,7 @@ class Recorder:
         """
         self.axes = tilt_axes(used, stated) if machine is None else machine
         self._letters = letters_of(self.axes or "")
+        self._reduced = reduced_of(self.axes or "")
         if not used <= set(self._letters):
             self.axes = None
         self.findings: dict[tuple[str, str], Finding] = {}
@@ -79,6 +80,7 @@ class Recorder:
         self.presets: list[Setting] = []
         self.tolerances: list[Setting] = []
         self.sides: list[Setting] = []
+        self.tilts: list[Setting] = []
         self.shortest_way = False
         self.unfollowed = ""
         self.spatial = False
@@ -365,7 +367,7 @@ class Recorder:
                 if before is None:
                     self.find("CF105", f"increment {word} from a position that is not known", block)
                 store[letter] = None if before is None else before + value
-            elif self.shortest_way and before is not None and store is rotary:
+            elif self.shortest_way and before is not None and letter in self._reduced:
                 turn = (value - before + pi) % _TURN - pi
                 store[letter] = before + (pi if turn == -pi and value > before else turn)
             else:
@@ -457,7 +459,7 @@ class Recorder:
     def _append(self, point: Vector, rotary: _Turn, axis: Vector, rapid: bool, block: int) -> None:
         joined = self._physical is not None
         feed = nan if rapid else self.feed
-        if not rapid and joined and feed != feed:
+        if not rapid and feed != feed:
             self.find("CF112", "cutting move without a feed", block)
         tool = len(self.tool_calls) - 1
         self._rows.append(

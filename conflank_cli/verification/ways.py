@@ -269,8 +269,6 @@ class _Walk:
             self._lose(state, move, f"{what} does not follow from the text", move.block)
         if move.kind not in ("tool", "limit", "machine"):
             self._set_rotary(state, move.words)
-        if move.kind == "turn":
-            state.in_plane = set(move.words.values()) == {None}
 
     def _across(self, move: UnknownMove, state: _State) -> None:
         """X and Y across the tool axis at an unknown height: as high as before where that axis is the machine's Z."""
@@ -287,19 +285,30 @@ class _Walk:
             if letter in words:
                 value = words[letter]
                 state.rotary[column] = np.nan if value is None else value
+                state.in_plane = set(words.values()) == {None}
         if not np.isfinite(state.rotary).all():
             state.nose = []
 
     def _change_tool(self, move: UnknownMove, state: _State) -> None:
         """The place where tools are changed is above everything; the way there goes up first."""
-        if state.pose >= 0 and not state.retracted:
-            tip, axis = self._tip(state.pose)
-            lift = self._lift(self._tool(state), tip, axis, self._up(self.rotary[state.pose], axis))
+        if not state.retracted and (state.pose >= 0 or state.nose):
+            lift = float(np.min(self._lifts(state)))
             if not lift >= ABOVE:
                 why = "a tool is called while the cutter is not above everything along the machine's Z"
-                self._lose(state, move, why, move.block, lift)
+                self._lose(state, move, why, move.block, lift if np.isfinite(lift) else None)
         state.retracted, state.nose, state.pose, state.lost = True, [], -1, False
         state.call = min(state.call + 1, len(self.mounted.tools) - 1)
+
+    def _lifts(self, state: _State) -> list[float]:
+        """How far the cutter is above everything where it may stand, mm; NaN where that cannot be told."""
+        tool, rotary = self._tool(state), state.rotary[None]
+        if state.pose >= 0:
+            tip, axis = self._tip(state.pose)
+            return [self._lift(tool, tip, axis, self._up(self.rotary[state.pose], axis))]
+        zero, length = self.mounted.zero, self._length(state)
+        assert zero is not None and length is not None
+        axis, up = self.machine.tool_axis(rotary), self.machine.up(rotary)
+        return [self._lift(tool, self.machine.tip(nose[None], rotary, zero, length), axis, up) for nose in state.nose]
 
     def _to_limit(self, move: UnknownMove, state: _State) -> None:
         """M140 MB MAX. With a tilted head it is not sure whether the control goes along the tool or along Z."""
@@ -311,10 +320,13 @@ class _Walk:
             self._to_limit_on_machine(move, state, straight)
             return
         if state.pose >= 0:
+            up = self.machine.up(state.rotary[None])
             if straight:
                 self._rise(move, state)
+            elif np.isfinite(up).all():
+                self._rise_beside(move, state, up)
             else:
-                self._rise_beside(move, state, self.machine.up(state.rotary[None]))
+                self._lose(state, move, "a retract with rotary axes at positions that are not known", move.block)
         elif state.retracted and not straight:
             # At the top already, it goes no lower as long as the tool points down. Where the head stands after a tool
             # change is not in the text, but no tool is changed with its tip above the spindle.
@@ -483,9 +495,8 @@ class _Walk:
         if tool is not None:
             up = self.machine.up(rotary)
             lift = lowest(tool, tip, axis, up) - (self.mounted.standing.points @ up.T).max(axis=0)
-            clear = np.minimum(lift[1:], lift[:-1]) > ABOVE + self._rise_of(
-                np.abs(np.diff(rotary, axis=0)), tool, state
-            )
+            turn = np.abs(np.diff(rotary, axis=0)).sum(axis=1)
+            clear = np.minimum(lift[1:], lift[:-1]) > ABOVE + sagitta(self._reach(tool, state), turn)
         below = self.mounted.below[state.call] if state.call >= 0 else 0.0
         point = tip + below * axis
         for step in np.flatnonzero(~clear):
@@ -493,22 +504,22 @@ class _Walk:
                 self._add(move, point[step], rotary[step], state, False)
             self._add(move, point[step + 1], rotary[step + 1], state, True)
 
-    def _rise_of(self, turn: Array, tool: Tool, state: _State) -> Array:
-        """How far anything can come nearer along Z, (N,) mm, while the rotary axes turn by (N, 2) radians."""
+    def _reach(self, tool: Tool, state: _State) -> float:
+        """How far anything on the table, and any part of the cutter, is at most from a rotary axis that carries it, mm.
+
+        Both together; an axis that is carried by the other turns about another pivot.
+        """
         zero, length = self.mounted.zero, self._length(state) or 0.0
         assert zero is not None
         first, second = self.machine.rotary
-        part = self.mounted.standing.points + zero
         apart = float(np.linalg.norm(np.subtract(first.pivot, second.pivot)))
-        widest = max(radius for _, radius in discs(tool))
-        result = np.zeros(len(turn))
-        for column, axis in enumerate(self.machine.rotary):
-            if axis.table:
-                reach = float(np.linalg.norm(part - first.pivot, axis=1).max()) + column * apart
-            else:
-                reach = length + widest + float(np.linalg.norm(second.pivot)) + (1 - column) * apart
-            result += turn[:, column] * reach
-        return result
+        reach = 0.0
+        if first.table:
+            reach += float(np.linalg.norm(self.mounted.standing.points + zero - first.pivot, axis=1).max()) + apart
+        if not second.table:
+            widest = max(radius for _, radius in discs(tool))
+            reach += length + widest + float(np.linalg.norm(second.pivot)) + apart
+        return reach
 
     def _add(self, move: UnknownMove, point: Array, rotary: Array, state: _State, joined: bool) -> None:
         """A pose of the way of a move."""
@@ -536,7 +547,8 @@ class _Walk:
         elif not self.mounted.no_machine and not self._at_rest(state, self.rotary[start], axis):
             self._find(f"{_LOST}: the rotary axes turn on the way down from the retract", block, program)
             return
-        lift = min(self._lift(self._tool(state), tip, axis, up) for up in ups)
+        # NaN, where it cannot be told, stays NaN.
+        lift = float(np.min([self._lift(self._tool(state), tip, axis, up) for up in ups]))
         if not lift >= ABOVE:
             kind = "rapid" if rapid else "feed move"
             why = f"a {kind} from a full retract to a pose that is not above everything along the machine's Z"
@@ -640,6 +652,15 @@ class _Walk:
             if row.at > 0:
                 result[index] = self.moves.vector[row.at - 1]
         return result
+
+
+def sagitta(reach: float, turn: Array) -> Array:
+    """How far a point off its axes by `reach` mm can leave the straight line between two poses, (N,) mm.
+
+    turn: how far both axes turn between the poses, added, (N,) radians. The second derivative of the place by a share
+    of the way is no more than reach turn^2, and a curve leaves its chord by an eighth of that.
+    """
+    return np.asarray(reach * turn**2 / 8.0)
 
 
 def _runs(flags: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

@@ -39,7 +39,7 @@ def is_judgement(name: str) -> bool:
 class FileSink:
     """A file that is arriving, hidden beside its final name until it is complete.
 
-    It holds one program: a second one in the same transfer, or text behind the end, is an error, because nobody has
+    It holds one program: a second one in the same transfer, or text after the end, is an error, because nobody has
     asked for it. `expected` is the name that its first line must give, if that line gives any. What arrives never gets
     the name of a verification, which only `conflank verify` may write.
     """
@@ -70,14 +70,14 @@ class FileSink:
         name = name_in(line)
         if name is not None:
             if self._program is not None:
-                found = f"program {name} behind program {self._program}"
+                found = f"program {name} after program {self._program}"
                 raise DeviceError(where, found, expected, "Output each by itself at the control.")
             self._program = name
             if self._expected and not same_name(name, self._expected):
                 where, expected = f"receiving {self._expected}", f"program {self._expected}"
                 raise DeviceError(where, f"program {name} from the control", expected, "Choose it at the control.")
         elif self._ended and line.strip():
-            found = f"text behind the end of program {self._program}: {line.decode('latin-1').strip()[:40]}"
+            found = f"text after the end of program {self._program}: {line.decode('latin-1').strip()[:40]}"
             raise DeviceError(where, found, expected, "Output the program again, or mend it at the control.")
         self._ended |= self._program is not None and ends_program(line)
 

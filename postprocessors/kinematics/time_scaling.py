@@ -48,9 +48,16 @@ LEAST_ROOM = 1e-2
 WIDTH, WIDER, SPREADS = 5.0, 1.3, 40
 """Blocks over which a start that asks too much is slowed down, from one round to the next by how much more, and rounds
 before a run is slowed down as a whole."""
+MORE = 1.05
+"""Times that a start is slowed down more than is asked for."""
 WEIGHTS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 """Weights mu of the barrier, one after the other: the first are so large that the search leaves the limits before it
 goes along them. In the end a block that nothing but its least time holds takes the last mu of it longer."""
+NEAR = 3.0 * WEIGHTS[-1]
+"""Log of the ratio to its least time below which a block is given that time in the end."""
+SHIFTS = (1e-12, 1e-9, 1e-6, 1e-3)
+"""Shares that are added to the diagonal of a matrix, one after the other, until it can be solved: where limits are all
+but reached it is positive definite up to rounding only."""
 STEPS = 3
 """Newton steps for each weight."""
 LONGEST = 0.7
@@ -92,7 +99,7 @@ def scaled_seconds(runs: Sequence[Run], limits: Limits) -> list[Array]:
     for weight in WEIGHTS:
         for _ in range(STEPS):
             y = problem.step(y, weight)
-    return np.split(np.exp(y), np.cumsum(blocks)[:-1])
+    return np.split(problem.at_least(y), np.cumsum(blocks)[:-1])
 
 
 class _Stencils(NamedTuple):
@@ -198,10 +205,12 @@ class _Problem(NamedTuple):
             size = 2 * int(0.5 * width) + 1
             for begin, end in pairwise(borders):
                 widened = maximum_filter1d(slower[begin:end], size, mode="nearest")
-                y[begin:end] += 1.05 * uniform_filter1d(widened, size, mode="nearest")
+                y[begin:end] += MORE * uniform_filter1d(widened, size, mode="nearest")
             width *= WIDER
         while (slower := self.too_fast(y)).any():
-            y += self.spread(np.maximum.reduceat(slower, self.first))
+            most = np.maximum.reduceat(slower, self.first)
+            # A little more than that, or rounding could ask for nothing but itself for ever.
+            y += self.spread(np.where(most > 0.0, most + LEAST_ROOM, 0.0))
         return y
 
     def too_fast(self, y: Array) -> Array:
@@ -215,6 +224,22 @@ class _Problem(NamedTuple):
             for k in range(order):
                 np.maximum(slower[k : k + len(wanted)], wanted, out=slower[k : k + len(wanted)])
         return slower
+
+    def at_least(self, y: Array) -> Array:
+        """Times (B,) at log times y; a block next to its least time has that, where the limits hold all the same."""
+        least = np.log(self.least)
+        near = y - least < NEAR
+        for _ in range(SPREADS):
+            there = np.where(near, least, y)
+            over = np.zeros(len(y), dtype=np.bool_)
+            for order, (share, kept) in zip((2, 3, 3), self.stencils(there), strict=True):
+                too_much = np.asarray((np.abs(share) + kept > 1.0).any(axis=0))
+                for k in range(order):
+                    over[k : k + len(too_much)] |= too_much
+            if not (over & near).any():
+                return np.asarray(np.where(near, self.least, np.exp(y)))
+            near &= ~over
+        return np.asarray(np.exp(y))
 
     def spread(self, by_run: Array) -> Array:
         """A value of each run (R,) for all of its blocks, (B,)."""
@@ -254,12 +279,12 @@ class _Problem(NamedTuple):
                 gradient[i : i + count] += scale * (rise + fall).sum(axis=0)
                 for k in range(i, len(by)):
                     matrix[k - i, i : i + count] += scale * (rise * ups[k] + fall * downs[k]).sum(axis=0)
-        towards = -solveh_banded(matrix, gradient, lower=True, check_finite=False)
+        towards = -_solved(matrix, gradient)
         # Share of the room to each limit that the step would use up if the limits were linear.
         used = np.maximum(np.abs(towards) / LONGEST, -towards / (CLOSER * room))
         for slopes in barriers:
             count = slopes[0].shape[1]
-            moved = sum(slope * towards[k : k + count] for k, slope in enumerate(slopes)).max(axis=0)
+            moved = np.add.reduce([slope * towards[k : k + count] for k, slope in enumerate(slopes)]).max(axis=0)
             used[:count] = np.maximum(used[:count], moved / CLOSER)
         length = np.minimum(1.0, 1.0 / np.maximum(np.maximum.reduceat(used, self.first), TINY))
         before = self.merit(y, weight)
@@ -271,3 +296,15 @@ class _Problem(NamedTuple):
         else:
             length = np.where(worse, 0.0, length)
         return np.asarray(y + self.spread(length) * towards)
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solution (B,) of a positive definite system in banded form (3, B); zeros where rounding leaves none."""
+    for shift in SHIFTS:
+        shifted = matrix.copy()
+        shifted[0] *= 1.0 + shift
+        try:
+            return np.asarray(solveh_banded(shifted, right, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:
+            continue
+    return np.zeros_like(right)

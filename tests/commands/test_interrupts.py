@@ -175,7 +175,7 @@ def test_a_file_that_was_complete_in_that_moment_is_named(folder: Path, monkeypa
     with control("save=BLADE2.H", settings=FAST):
         result = call("receive", "BLADE2", "-o", "COPY.H", "--port", "./tnc", *FAST)
     assert result.exit_code == 130
-    assert "Interrupted: COPY.H was received, whole." in result.stderr
+    assert "Interrupted: COPY.H was received completely." in result.stderr
     assert (folder / "COPY.H").read_bytes() == text_of(9, "BLADE2")
 
 

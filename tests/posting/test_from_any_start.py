@@ -7,18 +7,27 @@ everything there is.
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise, product
+from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from conflank_cli.ball_pass import Pass
+from conflank_cli.cad.scene import load_scene
+from conflank_cli.cli import cli
 from conflank_cli.geometry.face import CheckMesh
+from conflank_cli.geometry.footpoint import Projector
+from conflank_cli.job import load_job
 from conflank_cli.posting import post_program, post_programs
 from conflank_cli.posting.overhead import Overhead, depth_below_tip
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE, Tool
+from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.reader import read_program
 from postprocessors.errors import PostError
 from tests.posting.test_program import scene_of
@@ -110,39 +119,50 @@ def retracted_starts(name: str, zero: Array, length: float, words: dict[str, flo
         yield tip_on_part(name, np.array([across * x, along * y, z]), words, zero, length)
 
 
-def rapids(text: str) -> Iterator[tuple[dict[str, float], list[tuple[Array, dict[str, float]]]]]:
-    """Of each stay at the part: rotary words before it, and the poses of all its blocks as tip and words.
+Pose = tuple[Array, dict[str, float]]
 
-    Feed blocks are there as well; None in between would not make the ways shorter.
+
+def rapids(text: str) -> Iterator[tuple[dict[str, float], list[Pose], list[Pose]]]:
+    """Of each stay at the part: rotary words before it, the poses of the rapids it begins with, and that it ends with.
+
+    The first of the way out is the pose on the safe plane, after that beside the face.
     """
     for stay in text.split("FUNCTION TCPM")[1:]:
-        poses = []
+        poses, fast = [], []
         for block in stay.partition("FUNCTION RESET TCPM")[0].splitlines():
             if found := re.search(r" L X(\S+) Y(\S+) Z(\S+) ([ABC])(\S+) ([ABC])(\S+)", block):
                 tip = np.array([float(found[k]) for k in (1, 2, 3)])
                 poses.append((tip, {found[4]: float(found[5]), found[6]: float(found[7])}))
+                fast.append("FMAX" in block)
         turn = re.findall(r" L ([ABC])(\S+) ([ABC])(\S+) R0 FMAX", text.partition(stay)[0])[-1]
-        yield {turn[0]: float(turn[1]), turn[2]: float(turn[3])}, poses
+        yield (
+            {turn[0]: float(turn[1]), turn[2]: float(turn[3])},
+            poses[: fast.index(False)],
+            poses[len(fast) - fast[::-1].index(False) :],
+        )
 
 
 def first_rapids(name: str, text: str, zero: Array, length: float, points: Array) -> float:
-    """Least clearance from any start to the first pose of a stay and, with a head, to the second; out to upright."""
+    """Least clearance from any start to the pose on the safe plane, and from there to upright."""
     least, share = np.inf, np.linspace(0.0, 1.0, COUNT)[:, None]
     with_head = any(in_head for *_, in_head in AXES[name][0])
-    for words, poses in rapids(text):
-        tip, first = poses[0]
+    for words, inward, outward in rapids(text):
+        tip, first = inward[0]
         assert first == words
         axis = np.repeat(axis_on_part(name, words)[None], COUNT, axis=0)
         starts = list(retracted_starts(name, zero, length, words))
         for start in starts:
             assert (start - tip) @ turned(name, words, head=False).apply([0.0, 0.0, 1.0]) >= 0.0
             least = min(least, clearance(T1, start + share * (tip - start), axis, points))
+        # The last of these rapids leads down beside the face; with a head one more may come before it.
+        assert len(inward) == 2 or (with_head and len(inward) == 3)
+        if len(inward) == 3:
+            least = min(least, clearance(T1, tip + share * (inward[1][0] - tip), axis, points))
         if not with_head:
-            # The first pose is that on the safe plane; the second lies beside the face.
+            assert len(outward) == 1
             continue
-        least = min(least, clearance(T1, tip + share * (poses[1][0] - tip), axis, points))
         # Out: from the pose on the safe plane to above, then the head turns.
-        for (low, before), (high, after) in pairwise(poses[-3:]):
+        for (low, before), (high, after) in pairwise(outward):
             between = [{key: before[key] + part * (after[key] - before[key]) for key in before} for part in share[:, 0]]
             axis = np.array([axis_on_part(name, words) for words in between])
             least = min(least, clearance(T1, low + share * (high - low), axis, points))
@@ -319,3 +339,59 @@ def test_a_part_of_a_split_program_runs_alone(name: str, style: str, split: str)
         assert "M30" not in blocks
         read = read_program(program.text)
         assert not read.findings and len(read.cuts) == (1 if split == "sweep" else 2)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_verification_proves_every_way_of_a_program_with_a_head(known: bool) -> None:
+    """By other rules and other kinematics, with the part's place on the machine and without."""
+    name, zero, length = CASES[4]
+    scene = mounted(name, zero, length)
+    if not known:
+        machine = msgspec.structs.replace(scene.job.machine, zero=None, gauge_length={})
+        scene = replace(scene, job=msgspec.structs.replace(scene.job, machine=machine))
+    verification = verify_program(text_of(name, zero, length), scene, "BLADE1.H")
+    assert {finding.code for finding in verification.findings} == {"CF202"}
+    assert verification.unknown_moves == 0
+
+
+SAMPLE = Path(__file__).parents[2] / "sample_parts" / "blisk_blade"
+
+
+def sample_job(folder: Path, machine: str) -> Path:
+    """The sample's job with a machine, in a folder of its own."""
+    job = (SAMPLE / "job.toml").read_text("utf-8").replace("blisk_blade.step", str(SAMPLE / "blisk_blade.step"))
+    (folder / "job.toml").write_text(f'{job}\n[machine]\nname = "head-table"\n{machine}')
+    return folder / "job.toml"
+
+
+@pytest.fixture(scope="module")
+def sample_plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sweeps and passes of the sample blade, both sides."""
+    folder = tmp_path_factory.mktemp("sample")
+    result = CliRunner().invoke(cli, ["run", "-q", str(sample_job(folder, "")), "--out", str(folder / "out")])
+    assert result.exit_code == 0, result.output
+    return folder / "out" / "plan.npz"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("zero", "length"),
+    [((-265.9, -42.5, 529.9), 172.0), ((-200.0, 0.0, 500.0), 172.0), ((-100.0, 100.0, 400.0), 200.0)],
+)
+def test_the_sample_blade_on_a_head_table_machine(
+    sample_plan: Path, tmp_path: Path, zero: tuple[float, float, float], length: float
+) -> None:
+    """The first rapid of a pass went 1.7 mm through the blade: B turned by 112 degrees left the tip below its start."""
+    job = sample_job(tmp_path, f"zero = {list(zero)}\ngauge_length = {{T1 = {length}}}\n")
+    result = CliRunner().invoke(cli, ["post", "-q", str(sample_plan), "--job", str(job), "-o", str(tmp_path / "A.H")])
+    assert result.exit_code == 0, result.output
+    scene = load_scene(load_job(job), tmp_path)
+    # Corners of all triangles next to the blade, and the blade itself.
+    points = [scene.check.vertices]
+    for face in scene.faces:
+        border = np.vstack(face.loops)
+        low, size = border.min(axis=0), np.ptp(border, axis=0)
+        u, v = (part.ravel() for part in np.meshgrid(*[np.linspace(0.0, 1.0, 40)] * 2))
+        points.append(Projector.of(face.surface).evaluate(low[0] + size[0] * u, low[1] + size[1] * v)[:, 0])
+    text = (tmp_path / "A.H").read_text("ascii")
+    assert first_rapids("head-table", text, np.array(zero), length, np.vstack(points)[::2]) > KEPT

@@ -111,8 +111,8 @@ def test_poses_are_those_of_the_reader(page: str) -> None:
     assert np.array_equal(arrays["axis"].reshape(-1, 3), poses.axis)
     assert np.array_equal(arrays["block"], program.moves.block)
     assert np.array_equal(arrays["cut"], program.moves.cut)
-    # 20 mm at 1000 mm/min.
-    assert arrays["seconds"][program.moves.cut == 0].sum() == pytest.approx(1.2, abs=1e-6)
+    # 20 mm at 1000 mm/min, and a few milliseconds to speed up and brake.
+    assert 1.2 < arrays["seconds"][program.moves.cut == 0].sum() < 1.21
     assert bytes(arrays["text"]).decode() == lying_cone(-0.004)
 
 

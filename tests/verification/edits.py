@@ -9,10 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 
+import numpy as np
 
 from conflank_cli.verification.judge import verify_program
+from conflank_cli.verification.machine import machine_of
 from conflank_cli.verification.posed import PosedProgram, pose_program
+from conflank_cli.verification.reader import read_program
 from tests.verification.posted import NOTHING, POINTS, Posted
 
 Blocks = list[str]
@@ -81,20 +85,45 @@ def numbered(blocks: Sequence[str], kind: str = "h") -> str:
 
 
 def found(program: Posted, text: str) -> list[str]:
-    """Codes of what is found: of the text alone where that is enough, then on the design faces, then beside them."""
-    codes = [finding.code for finding in pose_program(text, program.scene, program.called).findings]
-    # What lies beside the faces can only add findings.
-    for scene in (program.scene.checking(NOTHING), program.scene):
-        if not codes:
-            result = verify_program(text, scene, "", POINTS, program.called)
-            codes = [finding.code for finding in result.findings]
-    return codes
+    """Codes of what is found: in the words alone where that is enough, then with the job, then at the part.
+
+    What lies beside the faces is asked last, and only where the cutter goes another way than by the posted program.
+    """
+    machine = machine_of(program.scene.job.machine)
+    read = read_program(text, program.called, machine.axes, machine.harmless)
+    if read.findings:
+        return [finding.code for finding in read.findings]
+    posed = pose_program(text, program.scene, program.called)
+    if posed.findings:
+        return [finding.code for finding in posed.findings]
+    bare = verify_program(text, program.scene.checking(NOTHING), "", POINTS, program.called)
+    if bare.findings or not other_poses(program, posed):
+        return [finding.code for finding in bare.findings]
+    return [finding.code for finding in verify_program(text, program.scene, "", POINTS, program.called).findings]
 
 
-def same_reading(program: Posted, text: str) -> bool:
+MOVED = 1e-3, 1e-5
+"""Tips (mm) and axes that differ by this much are other poses."""
+
+
+@cache
+def as_posted(program: Posted) -> PosedProgram:
+    """The posted program with its poses."""
+    return pose_program(program.text, program.scene, program.called)
+
+
+def other_poses(program: Posted, posed: PosedProgram) -> bool:
+    """Whether the cutter goes another way than by the posted program."""
+    one = as_posted(program)
+    for a, b, least in zip((one.poses.tip, one.poses.axis), (posed.poses.tip, posed.poses.axis), MOVED, strict=True):
+        if a.shape != b.shape or float(np.abs(a - b).max()) > least:
+            return True
+    return not np.array_equal(one.rotary, posed.rotary, equal_nan=True)
+
+
+def same_reading(program: Posted, posed: PosedProgram) -> bool:
     """Whether a text is read as the posted one is, but for numbers and names of blocks: nothing to judge anew."""
-    one, other = (pose_program(each, program.scene, program.called) for each in (program.text, text))
-    return _plain(one) == _plain(other)
+    return _plain(as_posted(program)) == _plain(posed)
 
 
 def _plain(posed: PosedProgram) -> list[object]:
@@ -304,7 +333,8 @@ _FEED = [
     Edit("M109", in_cut("M109"), "either", "it changes feeds of arcs only"),
     Edit("M128 F0", sub("^M128$", "M128 F0"), style="m128"),
     Edit("M128 F500", sub("^M128$", "M128 F500"), "either", "it caps the movement of the axes", style="m128"),
-    Edit("a feed of three decimals", first_feed("F800.000"), "none"),
+    Edit("the first positioning at a feed that nothing has set", sub(r"^(L X.*) R0 FMAX$", r"\1 R0")),
+    Edit("a feed of three decimals", sub(r"(^; SWEEP 1\n.* F\d+)$", r"\1.000"), "none"),
 ]
 
 _FRAME = [
@@ -713,7 +743,7 @@ _APT = [
         ("rapid in the cut", after("PPRINT/SWEEP 1", "RAPID", skip=8), "finding", ""),
         ("rapid before a feed", after("PPRINT/SWEEP 1", "RAPID"), "finding", ""),
         ("feed of nothing", after("PPRINT/SWEEP 1", "FEDRAT/0,MMPM"), "finding", ""),
-        ("feed too fast", after("PPRINT/SWEEP 1", "FEDRAT/99999,MMPM"), "finding", ""),
+        ("feed too fast", sub(r"(^PPRINT/SWEEP 1\nFEDRAT/)\d+", r"\g<1>99999"), "finding", ""),
         ("feed a turn", after("PPRINT/SWEEP 1", "FEDRAT/0.1,MMPR"), "finding", ""),
         ("inverse time", after("PPRINT/SWEEP 1", "FEDRAT/INVERS,5"), "finding", ""),
         ("no feed", lambda blocks: [block for block in blocks if not block.startswith("FEDRAT")], "finding", ""),
@@ -758,7 +788,8 @@ _APT = [
 ]
 
 EDITS: tuple[Edit, ...] = (
-    *_SPINDLE, *_FEED, *_FRAME, *_TOOL, *_MOTION, *_STOPS, *_TOLERANCE, *_COOLANT, *_HEADER, *_FLOW, *_TEXT, *_ISO, *_APT,
+    *_SPINDLE, *_FEED, *_FRAME, *_TOOL, *_MOTION, *_STOPS, *_TOLERANCE, *_COOLANT, *_HEADER, *_FLOW, *_TEXT,
+    *_ISO, *_APT,
 )  # fmt: skip
 
 
@@ -768,8 +799,6 @@ _FACT = re.compile(r"(?:; |PPRINT/)(TOOL|REFERENCE|FRAME|ROTARY) ")
 _STRETCH = re.compile(r"(?:; |PPRINT/)(APPROACH|SWEEP|PASS|RETRACT|LINK) \d")
 _POSE = re.compile(r"(?:LN? X|(?:G0[01] )?(?:G4\d )?(?:G90 )?X|GOTO/)")
 _WORDS = re.compile(r"(?<![A-Z])([A-Z]+)([+-]?\d+(?:\.\d*)?)(?![\d.])")
-
-Trace = list[tuple[object, ...]]
 
 
 def control_lines(blocks: Blocks, poses: bool) -> list[int]:
@@ -847,62 +876,94 @@ _BY_KEY = {
     **{word: "spindle" for word in ("M5", "SPINDL")},
     **{word: "coolant" for word in ("M7", "M8", "M9", "COOLNT")},
     **{word: "preset" for word in ("G247", "Q339=+1")},
-    **{word: "shortest way" for word in ("M126", "M127")},
-    **{word: word for word in ("PLANE", "UNITS", "MULTAX")},
+    **{word: word for word in ("PLANE", "UNITS")},
 }
 """What words of posted programs set, by the first word of a line."""
-_WITHOUT_EFFECT = frozenset(("BLK", "PPRINT", "G30", "G31", "PARTNO", "M30"))
-_ALWAYS = ("control", "PLANE", "preset", "tool", "UNITS", "MULTAX")
-_AT_FEED = (*_ALWAYS, "spindle", "coolant", "tolerance", "feed")
+_WITHOUT_EFFECT = frozenset(("BLK", "PPRINT", "G30", "G31", "PARTNO", "M30", "MULTAX", "M126", "M127"))
+"""What moves nothing; the shorter way of rotary axes is followed by the verification, so that it is judged."""
+_ALWAYS = ("control", "PLANE", "preset", "tool", "UNITS")
+_AT_FEED = (*_ALWAYS, "spindle", "coolant", "tolerance")
+_LIKE = 1.1
+"""Feeds that differ by no more than this factor are those of neighbouring blocks."""
 
 
-def trace(text: str, kind: str) -> tuple[Trace, set[object]]:
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing that a machine does: the words, whether at rapid, the feed (0 at rapid), and what holds for it."""
+
+    code: str
+    rapid: bool
+    feed: float
+    holds: tuple[tuple[str, object], ...]
+
+    def like(self, other: Step) -> bool:
+        """The same, but for feeds that differ a little, or a rapid that goes at a feed known before."""
+        if self.code != other.code:
+            return False
+        if self.rapid and not other.rapid:
+            return other.feed > 0.0 and set(self.holds) <= set(other.holds)
+        feeds = sorted((self.feed, other.feed))
+        return self.rapid == other.rapid and self.holds == other.holds and feeds[1] <= _LIKE * feeds[0]
+
+
+def trace(text: str, kind: str) -> list[Step]:
     """What a machine does by a posted program, told by the few words that posts use: an authority for mutants.
 
-    Returns its events with what holds for each, and what holds for feed moves anywhere (but their feeds). The shorter
-    way of rotary axes (M126) is left out: verification follows it, so that it is judged. Written for the edits of
-    posted programs alone; what it does not know is an event.
+    Written for the edits of posted programs alone; what it does not know is a step of its own.
     """
-    state: dict[str, str] = {}
-    events: Trace = []
-    held: set[object] = set()
+    state: dict[str, str] = {"control": "FUNCTION RESET TCPM"}
+    steps: list[Step] = []
     facts = tuple(sorted({block for block in blocks_of(text, kind) if _FACT.match(block)}))
     for block in blocks_of(text, kind):
         code = block.partition(";")[0].strip()
         word = re.split("[ /]", code)[0]
         if not code or word in _WITHOUT_EFFECT:
             continue
-        if code.startswith("CYCL DEF 32") or word == "G62":
-            state["tolerance"] = code if code[:13] in ("CYCL DEF 32.0", code) else state.get("tolerance", "") + code
+        if code.startswith("CYCL DEF 32"):
+            state["tolerance"] = code if "32.0" in code else state.get("tolerance", "") + code
+        elif word == "G62":
+            state["tolerance"] = code
         elif word in _BY_KEY:
-            state[_BY_KEY[word]] = code
+            state[_BY_KEY[word]] = "FUNCTION RESET TCPM" if word == "M129" else code
         elif word in ("RAPID", "FEDRAT"):
-            state["feed"] = code
+            state["feed"] = code.replace("FEDRAT/", "").removesuffix(",MMPM")
         elif code != "CYCL DEF 247 DATUM SETTING ~":
-            _motion(code, word, state, events, held, facts)
-    return events, held
+            _step(code, word, state, steps, facts)
+    return steps
 
 
-def _motion(
-    code: str, word: str, state: dict[str, str], events: Trace, held: set[object], facts: tuple[str, ...]
-) -> None:
+def _step(code: str, word: str, state: dict[str, str], steps: list[Step], facts: tuple[str, ...]) -> None:
     """One line that moves, or whatever else it does."""
     if feed := re.search(r" F(\d+)", code):
-        state["feed"] = feed[0]
+        state["feed"] = feed[1]
     if " M3" in code:
         state["spindle"] = "M3"
-    if word in ("TOOL", "LOADTL") or re.match(r"T\d", word):
+    changes = bool(re.match(r"TOOL CALL|LOADTL|T\d", code))
+    if changes:
         state["tool"], state["spindle"] = code, ""
     retract = "M140" in code or word == "RETRCT"
     rapid = "FMAX" in code or "G00" in code or state.get("feed") == "RAPID" or retract
-    at_feed = bool(_POSE.match(code)) and not rapid
-    holds = tuple((key, state.get(key, "")) for key in (_AT_FEED if at_feed else _ALWAYS))
-    if at_feed:
-        held.add(holds[:-1])
+    pose = bool(_POSE.match(code))
+    # A retract goes along the tool axis, whatever holds; what is on matters in the cut.
+    name = word.startswith(("BEGIN", "END", "%"))
+    keys = () if retract or changes or name else _AT_FEED if pose and not rapid else _ALWAYS
+    holds = (*((key, state.get(key, "")) for key in keys), ("facts", facts))
+    value = float(state.get("feed") or 0.0) if pose and not rapid else 0.0
     if state.get("feed") == "RAPID":
         state["feed"] = ""
-    event = (re.sub(r" (?:F\d+|M3|R0)(?= |$)", "", code), rapid, holds, facts)
-    # The same again directly after itself moves nothing, and a tool that has just been changed is retracted.
-    changed = bool(events) and re.match(r"TOOL|LOADTL|T\d", str(events[-1][0])) is not None
-    if not (events and events[-1] == event) and not (retract and changed):
-        events.append(event)
+    step = Step(re.sub(r" (?:F\d+|M3|R0)(?= |$)", "", code), rapid, value, holds)
+    # The same again directly after itself moves nothing; a tool that has just been changed, or none, is retracted.
+    idle = retract and (not steps or re.match(r"TOOL CALL|LOADTL|T\d", steps[-1].code))
+    if not idle and not (steps and steps[-1] == step):
+        steps.append(step)
+
+
+def alike(one: list[Step], other: list[Step]) -> bool:
+    """Whether a machine does the same by both traces, the first being the posted program's."""
+    return len(one) == len(other) and all(a.like(b) for a, b in zip(one, other, strict=True))
+
+
+def only_moved(one: list[Step], other: list[Step]) -> bool:
+    """Whether feed moves of the other trace are under nothing that the first has not: then motion alone differs."""
+    held = {step.holds for step in one if step.feed}
+    return all(step.holds in held for step in other if step.feed)

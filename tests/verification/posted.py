@@ -1,7 +1,7 @@
 """A small part that is posted in every style for every shipped machine: what the tests by mutation edit.
 
-A block on the table, turned in the job's setup. Its west side is cut by a sweep that swings and, linked to it, by a pass
-of the ball; its east side, after a full retract, by another sweep. Both sweeps are exact: the cone lies on the plane.
+A block on the table, turned in the job's setup. Its west and its east side are cut by a sweep each, linked around it;
+then, after a full retract, the ball makes a pass on the west side. The sweeps are exact: the cone lies on the plane.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _pass() -> Pass:
     return Pass(0, "T1", centre - T1.ball_radius * axis, axis)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Posted:
     """A program as it is posted, the parts it calls by the name of their file, and the job it is posted for."""
 

@@ -86,6 +86,7 @@ def program(body: Sequence[str], head: Sequence[str] | None = None, tool: Tool =
         "BEGIN PGM TEST MM",
         *(header(tool) if head is None else head),
         f"TOOL CALL {tool.number} Z S3000",
+        "PLANE RESET STAY",
         "CYCL DEF 247 DATUM SETTING Q339=+1",
         "CYCL DEF 32.0 TOLERANCE",
         "CYCL DEF 32.1 T0.002",

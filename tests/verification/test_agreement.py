@@ -56,6 +56,7 @@ def test_a_sound_program_agrees() -> None:
         ("F500", "F500 M9", "CF121", "coolant"),
         ("Q339=+1", "Q339=+2", "CF118", "preset 2 where the job has number 1"),
         ("CYCL DEF 247 DATUM SETTING Q339=+1", "M8", "CF118", "no preset is set"),
+        ("PLANE RESET STAY", "M8", "CF118", "neither reset nor tilted"),
         ("T0.002", "T5", "CF117", "T5 where the job has 0.002"),
         ("TA0.003", "TA10", "CF117", "TA10"),
         ("F500", "F500 RL", "CF110", "radius compensation RL"),
@@ -91,7 +92,9 @@ def test_the_job_says_what_is_asked() -> None:
 
 
 def test_the_job_of_a_foreign_program_answers_for_what_it_does_not_set() -> None:
-    silent = "".join(line for line in TEXT.splitlines(keepends=True) if "CYCL DEF" not in line).replace("M13", "M3")
+    silent = "".join(
+        line for line in TEXT.splitlines(keepends=True) if "CYCL DEF" not in line and "PLANE" not in line
+    ).replace("M13", "M3")
     assert set(found(silent)) == {"CF117", "CF118", "CF121"}
     foreign = with_program(foreign=Foreign())
     assert found(silent, foreign) == {}

@@ -210,8 +210,20 @@ def assert_three(lines: Sequence[str], expected: Sequence[Pose], unit: str = "MM
 
 def test_pocket_with_arcs_about_a_centre_and_by_radius() -> None:
     """In the manner of a post for a general CAM system: comments, structure blocks, CC and C, CR."""
-    lines = ["* - FINISH CONTOUR", "; D6 CR3", "L X+10 Y-20 R0 FMAX", "L Z+15 R0 FMAX M8", "L Z-3 F500", "L X+40 F1200",
-             "CC X+40 Y-10", "C X+50 Y-10 DR+", "CR X+40 Y+0 R+10 DR+", "CR X+40 Y+20 R-10.5 DR-", "L Z+15 FMAX", "M9"]  # fmt: skip
+    lines = [
+        "* - FINISH CONTOUR",
+        "; D6 CR3",
+        "L X+10 Y-20 R0 FMAX",
+        "L Z+15 R0 FMAX M8",
+        "L Z-3 F500",
+        "L X+40 F1200",
+        "CC X+40 Y-10",
+        "C X+50 Y-10 DR+",
+        "CR X+40 Y+0 R+10 DR+",
+        "CR X+40 Y+20 R-10.5 DR-",
+        "L Z+15 FMAX",
+        "M9",
+    ]
     poses = [at(10, -20, 15), at(10, -20, -3), at(40, -20, -3)]
     poses.append(around((40, -10, -3), 90, poses[-1]))
     poses.append(around((40, -10, -3), 90, poses[-1]))
@@ -249,8 +261,17 @@ def test_full_circle_and_centre_taken_from_the_position() -> None:
 
 def test_polar_lines_arcs_and_a_helix() -> None:
     """A thread as a shop floor program mills it."""
-    lines = ["CC X+50 Y+50", "L Z+5 FMAX", "LP PR+20 PA+0 R0 FMAX", "L Z-2 F200", "LP PA+60 F500", "LP IPA+60 IPR+5",
-             "CP PA+180 DR+", "CP IPA+720 IZ-4 DR+", "L Z+5 FMAX"]  # fmt: skip
+    lines = [
+        "CC X+50 Y+50",
+        "L Z+5 FMAX",
+        "LP PR+20 PA+0 R0 FMAX",
+        "L Z-2 F200",
+        "LP PA+60 F500",
+        "LP IPA+60 IPR+5",
+        "CP PA+180 DR+",
+        "CP IPA+720 IZ-4 DR+",
+        "L Z+5 FMAX",
+    ]
 
     def polar(radius: float, angle: float, z: float) -> Pose:
         turn = np.radians(angle)
@@ -297,9 +318,17 @@ def test_curves_that_cannot_be_or_are_not_followed_name_their_block(line: str) -
 
 @pytest.mark.parametrize(
     "line",
-    ["APPR LT X+10 Y+20 Z-2 LEN15 RL F300", "APPR LN X+10 Y+20 LEN15 RR", "APPR CT X+10 Y+20 CCA180 R+10 RL",
-     "APPR LCT X+10 Y+20 R10 RL", "DEP LT LEN12.5 F100", "DEP CT CCA180 R+8", "DEP LCT X-20 Y+0 R8", "DEP LN LEN+20"],
-)  # fmt: skip
+    [
+        "APPR LT X+10 Y+20 Z-2 LEN15 RL F300",
+        "APPR LN X+10 Y+20 LEN15 RR",
+        "APPR CT X+10 Y+20 CCA180 R+10 RL",
+        "APPR LCT X+10 Y+20 R10 RL",
+        "DEP LT LEN12.5 F100",
+        "DEP CT CCA180 R+8",
+        "DEP LCT X-20 Y+0 R8",
+        "DEP LN LEN+20",
+    ],
+)
 def test_approach_and_departure_with_compensation_name_their_block(line: str) -> None:
     """They go to the side by the tool's radius, which stands in the control's table alone."""
     lines = ["L X+0 Y+0 Z-1 FMAX", "L X+10 Y+20 RL F300", "L X+20", line, "L X+40 Y+20", "L X+40 Y+50"]
@@ -312,15 +341,35 @@ def test_approach_and_departure_with_compensation_name_their_block(line: str) ->
 
 
 def test_datum_shift_absolute_and_incremental() -> None:
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+60", "CYCL DEF 7.2 Y+40", "L X+0 Y+0 Z+5 FMAX",
-             "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 IX-10", "CYCL DEF 7.2 IZ-3", "L X+1 Y+1 Z+5 F500",
-             "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+0", "CYCL DEF 7.2 Y+0", "CYCL DEF 7.3 Z+0", "L X+2 Y+2 Z+5"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+60",
+        "CYCL DEF 7.2 Y+40",
+        "L X+0 Y+0 Z+5 FMAX",
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 IX-10",
+        "CYCL DEF 7.2 IZ-3",
+        "L X+1 Y+1 Z+5 F500",
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+0",
+        "CYCL DEF 7.2 Y+0",
+        "CYCL DEF 7.3 Z+0",
+        "L X+2 Y+2 Z+5",
+    ]
     assert_three(lines, [at(60, 40, 5), at(51, 41, 2), at(2, 2, 5)])
 
 
 def test_a_preset_ends_the_shift() -> None:
-    lines = ["CYCL DEF 247 DATUM SETTING ~", "  Q339=+1 ;DATUM NUMBER", "CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+60",
-             "L X+0 Y+0 Z+5 FMAX", "CYCL DEF 247 DATUM SETTING ~", "  Q339=+1 ;DATUM NUMBER", "L X+0 Y+1 Z+5 FMAX"]  # fmt: skip
+    lines = [
+        "CYCL DEF 247 DATUM SETTING ~",
+        "  Q339=+1 ;DATUM NUMBER",
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+60",
+        "L X+0 Y+0 Z+5 FMAX",
+        "CYCL DEF 247 DATUM SETTING ~",
+        "  Q339=+1 ;DATUM NUMBER",
+        "L X+0 Y+1 Z+5 FMAX",
+    ]
     body = [*HEAD, *lines, *TAIL]
     blocks: list[str] = []
     for line in body:
@@ -332,9 +381,18 @@ def test_a_preset_ends_the_shift() -> None:
 
 
 def test_mirror_about_a_shifted_datum_turns_arcs_round() -> None:
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+100", "CYCL DEF 8.0 MIRROR IMAGE", "CYCL DEF 8.1 X",
-             "L X+10 Y+0 Z-2 FMAX", "CC X+0 Y+0", "C X+0 Y+10 DR+ F300", "CYCL DEF 8.0 MIRROR IMAGE", "CYCL DEF 8.1",
-             "L X+10 Y+0"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+100",
+        "CYCL DEF 8.0 MIRROR IMAGE",
+        "CYCL DEF 8.1 X",
+        "L X+10 Y+0 Z-2 FMAX",
+        "CC X+0 Y+0",
+        "C X+0 Y+10 DR+ F300",
+        "CYCL DEF 8.0 MIRROR IMAGE",
+        "CYCL DEF 8.1",
+        "L X+10 Y+0",
+    ]
     poses = [at(90, 0, -2)]
     poses += [around((100, 0, -2), -90, poses[-1])]
     poses += [at(110, 0, -2)]
@@ -355,10 +413,22 @@ def test_mirror_in_both_axes() -> None:
 
 
 def test_rotation_absolute_and_incremental() -> None:
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+10", "CYCL DEF 7.2 Y+20", "CYCL DEF 10.0 ROTATION",
-             "CYCL DEF 10.1 ROT+30", "L X+10 Y+0 Z-2 FMAX", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 IROT+15",
-             "L X+10 Y+0 F500", "CC X+0 Y+0", "C X+0 Y+10 DR+", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+0",
-             "L X+10 Y+0"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+10",
+        "CYCL DEF 7.2 Y+20",
+        "CYCL DEF 10.0 ROTATION",
+        "CYCL DEF 10.1 ROT+30",
+        "L X+10 Y+0 Z-2 FMAX",
+        "CYCL DEF 10.0 ROTATION",
+        "CYCL DEF 10.1 IROT+15",
+        "L X+10 Y+0 F500",
+        "CC X+0 Y+0",
+        "C X+0 Y+10 DR+",
+        "CYCL DEF 10.0 ROTATION",
+        "CYCL DEF 10.1 ROT+0",
+        "L X+10 Y+0",
+    ]
     shift = (10.0, 20.0, 0.0)
     poses = moved([at(10, 0, -2)], z_turn(30), shift) + moved([at(10, 0, -2)], z_turn(45), shift)
     poses += [around((10, 20, -2), 90, poses[-1])]
@@ -368,8 +438,17 @@ def test_rotation_absolute_and_incremental() -> None:
 
 def test_scaling_at_height_zero() -> None:
     """Whether Z is scaled is a matter of a machine parameter: the words stay at Z+0, where it makes no difference."""
-    lines = ["L Z+0 FMAX", "CYCL DEF 11.0 SCALING", "CYCL DEF 11.1 SCL 0.5", "L X+20 Y+0 R0 FMAX", "CC X+0 Y+0",
-             "C X+0 Y+20 DR+ F400", "CYCL DEF 11.0 SCALING", "CYCL DEF 11.1 SCL 1", "L X+20 Y+0"]  # fmt: skip
+    lines = [
+        "L Z+0 FMAX",
+        "CYCL DEF 11.0 SCALING",
+        "CYCL DEF 11.1 SCL 0.5",
+        "L X+20 Y+0 R0 FMAX",
+        "CC X+0 Y+0",
+        "C X+0 Y+20 DR+ F400",
+        "CYCL DEF 11.0 SCALING",
+        "CYCL DEF 11.1 SCL 1",
+        "L X+20 Y+0",
+    ]
     program, _, _ = read(three(*lines))
     if not_followed(program):
         assert not_followed(program)[0][1] in (FIRST + 1, FIRST + 2)
@@ -388,8 +467,15 @@ def test_scaling_of_heights_is_a_finding() -> None:
 
 
 def test_scaling_of_single_axes_about_a_centre() -> None:
-    lines = ["L Z-2 FMAX", "CYCL DEF 26.0 AXIS-SPEC. SCALING", "CYCL DEF 26.1 X1.5 Y0.5 CCX+10 CCY+0",
-             "L X+20 Y+10 R0 FMAX", "CYCL DEF 26.0 AXIS-SPEC. SCALING", "CYCL DEF 26.1 X1 Y1 CCX+0 CCY+0", "L X+20 Y+10"]  # fmt: skip
+    lines = [
+        "L Z-2 FMAX",
+        "CYCL DEF 26.0 AXIS-SPEC. SCALING",
+        "CYCL DEF 26.1 X1.5 Y0.5 CCX+10 CCY+0",
+        "L X+20 Y+10 R0 FMAX",
+        "CYCL DEF 26.0 AXIS-SPEC. SCALING",
+        "CYCL DEF 26.1 X1 Y1 CCX+0 CCY+0",
+        "L X+20 Y+10",
+    ]
     program, _, _ = read(three(*lines))
     if not_followed(program):
         assert not_followed(program)[0][1] in (FIRST + 1, FIRST + 2)
@@ -398,15 +484,28 @@ def test_scaling_of_single_axes_about_a_centre() -> None:
 
 
 def test_an_arc_in_axes_that_are_scaled_differently_is_a_finding() -> None:
-    lines = ["L Z-2 FMAX", "CYCL DEF 26.0 AXIS-SPEC. SCALING", "CYCL DEF 26.1 X1.5 Y0.5 CCX+0 CCY+0",
-             "L X+20 Y+0 R0 FMAX", "CC X+0 Y+0", "C X+0 Y+20 DR+ F100"]  # fmt: skip
+    lines = [
+        "L Z-2 FMAX",
+        "CYCL DEF 26.0 AXIS-SPEC. SCALING",
+        "CYCL DEF 26.1 X1.5 Y0.5 CCX+0 CCY+0",
+        "L X+20 Y+0 R0 FMAX",
+        "CC X+0 Y+0",
+        "C X+0 Y+20 DR+ F100",
+    ]
     named = {block for _, block, _ in not_followed(read(three(*lines))[0])}
     assert named & {FIRST + 2, FIRST + 5}
 
 
 def test_shift_mirror_and_rotation_act_in_this_order() -> None:
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+100", "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+90",
-             "CYCL DEF 8.0 MIRROR IMAGE", "CYCL DEF 8.1 X", "L X+10 Y+3 Z+0 FMAX"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+100",
+        "CYCL DEF 10.0 ROTATION",
+        "CYCL DEF 10.1 ROT+90",
+        "CYCL DEF 8.0 MIRROR IMAGE",
+        "CYCL DEF 8.1 X",
+        "L X+10 Y+3 Z+0 FMAX",
+    ]
     mirror = np.diag([-1.0, 1.0, 1.0])
     place = np.array([100.0, 0.0, 0.0]) + mirror @ z_turn(90) @ [10.0, 3.0, 0.0]
     program, _, _ = read(three(*lines))
@@ -431,25 +530,49 @@ def test_a_shift_in_a_turned_system_is_a_finding(first: list[str]) -> None:
 
 
 def test_loop_with_fn_assignments_and_a_jump() -> None:
-    lines = ["FN 0: Q1 = +0", "FN 0: Q2 = +5 ;STEP", "L Y+0 Z-1 FMAX", "LBL 1", "L X+Q1 F500",
-             "FN 1: Q1 = +Q1 + +Q2", "FN 12: IF +Q1 LT +21 GOTO LBL 1"]  # fmt: skip
+    lines = [
+        "FN 0: Q1 = +0",
+        "FN 0: Q2 = +5 ;STEP",
+        "L Y+0 Z-1 FMAX",
+        "LBL 1",
+        "L X+Q1 F500",
+        "FN 1: Q1 = +Q1 + +Q2",
+        "FN 12: IF +Q1 LT +21 GOTO LBL 1",
+    ]
     assert_three(lines, [at(x, 0, -1) for x in (0, 5, 10, 15, 20)])
 
 
 @pytest.mark.parametrize(
     ("jump", "last"),
-    [("FN 12: IF +Q1 LT +3 GOTO LBL 1", 2), ("FN 11: IF +4 GT +Q1 GOTO LBL 1", 3), ("FN 10: IF +Q1 NE +5 GOTO LBL 1", 4),
-     ("FN 9: IF +Q1 EQU +1 GOTO LBL 1", 1), ("FN 12: IF +Q1 LT -3 GOTO LBL 1", 0)],
-)  # fmt: skip
+    [
+        ("FN 12: IF +Q1 LT +3 GOTO LBL 1", 2),
+        ("FN 11: IF +4 GT +Q1 GOTO LBL 1", 3),
+        ("FN 10: IF +Q1 NE +5 GOTO LBL 1", 4),
+        ("FN 9: IF +Q1 EQU +1 GOTO LBL 1", 1),
+        ("FN 12: IF +Q1 LT -3 GOTO LBL 1", 0),
+    ],
+)
 def test_jumps(jump: str, last: int) -> None:
     lines = ["FN 0: Q1 = +0", "L Y+0 Z-1 FMAX", "LBL 1", "L X+Q1 F500", "FN 1: Q1 = +Q1 + +1", jump]
     assert_three(lines, [at(x, 0, -1) for x in range(last + 1)])
 
 
 def test_functions_of_q_parameters() -> None:
-    lines = ["FN 0: Q1 = +12", "FN 1: Q2 = +Q1 + +5", "FN 2: Q3 = +Q2 - +7.5", "FN 3: Q4 = +Q3 * -2", "FN 4: Q5 = +Q1 DIV +8",
-             "FN 5: Q6 = SQRT +Q1", "FN 6: Q7 = SIN +30", "FN 7: Q8 = COS +60", "FN 8: Q9 = +3 LEN +4",
-             "FN 13: Q10 = +3 ANG +4", "L X+Q2 Y+Q3 Z-Q4 FMAX", "L X+Q5 Y+Q6 Z+Q7 F100", "L X+Q8 Y+Q9 Z+Q10"]  # fmt: skip
+    lines = [
+        "FN 0: Q1 = +12",
+        "FN 1: Q2 = +Q1 + +5",
+        "FN 2: Q3 = +Q2 - +7.5",
+        "FN 3: Q4 = +Q3 * -2",
+        "FN 4: Q5 = +Q1 DIV +8",
+        "FN 5: Q6 = SQRT +Q1",
+        "FN 6: Q7 = SIN +30",
+        "FN 7: Q8 = COS +60",
+        "FN 8: Q9 = +3 LEN +4",
+        "FN 13: Q10 = +3 ANG +4",
+        "L X+Q2 Y+Q3 Z-Q4 FMAX",
+        "L X+Q5 Y+Q6 Z+Q7 F100",
+        "L X+Q8 Y+Q9 Z+Q10",
+    ]
     program, _, _ = read(three(*lines))
     angle = np.degrees(np.arctan2(3, 4))
     poses = [at(17, 9.5, 19), at(1.5, np.sqrt(12), 0.5), at(0.5, 5, angle)]
@@ -461,17 +584,36 @@ def test_functions_of_q_parameters() -> None:
 
 
 def test_formulae() -> None:
-    lines = ["Q1 = 5 * 3 + 2 * 10", "Q2 = 5 ^ 2 - 3 ^ 3", "Q3 = SQRT ( Q1 - 10 ) / 2", "Q4 = Q2 + 3 * SIN 90",
-             "Q5 = ABS Q2 - INT 3.7", "Q6 = ATAN 1", "Q7 = - ( Q1 + 1 )", "Q8 = COS ( Q6 * 2 - 90 ) * PI",
-             "L X+Q1 Y+Q2 Z+Q3 FMAX", "L X+Q4 Y+Q5 Z+Q6 F100", "L X+Q7 Y+Q8"]  # fmt: skip
+    lines = [
+        "Q1 = 5 * 3 + 2 * 10",
+        "Q2 = 5 ^ 2 - 3 ^ 3",
+        "Q3 = SQRT ( Q1 - 10 ) / 2",
+        "Q4 = Q2 + 3 * SIN 90",
+        "Q5 = ABS Q2 - INT 3.7",
+        "Q6 = ATAN 1",
+        "Q7 = - ( Q1 + 1 )",
+        "Q8 = COS ( Q6 * 2 - 90 ) * PI",
+        "L X+Q1 Y+Q2 Z+Q3 FMAX",
+        "L X+Q4 Y+Q5 Z+Q6 F100",
+        "L X+Q7 Y+Q8",
+    ]
     poses = [at(35, -2, 2.5), at(1, -1, 45), at(-36, np.pi, 45)]
     assert_three(lines, poses)
 
 
 def test_ellipse_by_a_loop_of_formulae() -> None:
     """As the manual's own example of parametric programs goes about it."""
-    lines = ["FN 0: Q5 = +0", "Q20 = 36", "L Z-3 FMAX", "LBL 1", "Q21 = 50 + 30 * COS Q5", "Q22 = 40 + 20 * SIN Q5",
-             "L X+Q21 Y+Q22 F500", "Q5 = Q5 + Q20", "FN 12: IF +Q5 LT +360 GOTO LBL 1"]  # fmt: skip
+    lines = [
+        "FN 0: Q5 = +0",
+        "Q20 = 36",
+        "L Z-3 FMAX",
+        "LBL 1",
+        "Q21 = 50 + 30 * COS Q5",
+        "Q22 = 40 + 20 * SIN Q5",
+        "L X+Q21 Y+Q22 F500",
+        "Q5 = Q5 + Q20",
+        "FN 12: IF +Q5 LT +360 GOTO LBL 1",
+    ]
     angles = np.radians(np.arange(0.0, 360.0, 36.0))
     assert_three(lines, [at(50 + 30 * np.cos(t), 40 + 20 * np.sin(t), -3) for t in angles])
 
@@ -578,9 +720,20 @@ def assert_tilted(lines: Sequence[str], expected: Sequence[Pose]) -> None:
 
 def test_plane_spatial_stay_and_the_angles_the_control_found() -> None:
     """3+2 with a shift to the plane's origin, and an arc in the plane."""
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 X+20", "CYCL DEF 7.2 Y-10", "CYCL DEF 7.3 Z+5",
-             "PLANE SPATIAL SPA+20 SPB+30 SPC+40 STAY", "L A+Q120 C+Q122 R0 FMAX", "L X+10 Y+0 R0 FMAX", "L Z+15 FMAX",
-             "L Z-2 F300", "CC X+0 Y+0", "C X+0 Y+10 DR+ F500", "L M140 MB MAX"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 X+20",
+        "CYCL DEF 7.2 Y-10",
+        "CYCL DEF 7.3 Z+5",
+        "PLANE SPATIAL SPA+20 SPB+30 SPC+40 STAY",
+        "L A+Q120 C+Q122 R0 FMAX",
+        "L X+10 Y+0 R0 FMAX",
+        "L Z+15 FMAX",
+        "L Z-2 F300",
+        "CC X+0 Y+0",
+        "C X+0 Y+10 DR+ F500",
+        "L M140 MB MAX",
+    ]
     turn = x_turn(20) @ y_turn(30) @ z_turn(40)
     poses = [at(10, 0, 15), at(10, 0, -2)]
     poses += [around((0, 0, -2), 90, poses[-1])]
@@ -607,7 +760,7 @@ def test_before_the_axes_stand_in_the_plane_nothing_is_known() -> None:
     head = [*HEAD, "L A+0 C+0 R0 FMAX"]
     lines = ["PLANE SPATIAL SPA+0 SPB+30 SPC+0 STAY", "L X+10 Y+0 Z+50 R0 F500"]
     text = numbered([*head, *lines, "M5", "M30"])
-    program, tip, axis = read(text)
+    program, _, axis = read(text)
     named = {block for _, block, _ in not_followed(program)} | {move.block for move in program.unknown}
     known = program.moves.block == len(head) + 2
     assert len(head) + 2 in named or not known.any()
@@ -631,8 +784,13 @@ def test_plane_vector() -> None:
 
 
 def test_plane_relative_goes_on_from_the_plane_before() -> None:
-    lines = ["PLANE SPATIAL SPA+0 SPB+30 SPC+0 STAY", "PLANE RELATIV SPC+25 STAY", "L A+Q120 C+Q122 R0 FMAX",
-             "L X+10 Y+0 Z+20 FMAX", "L Z+1 F300"]  # fmt: skip
+    lines = [
+        "PLANE SPATIAL SPA+0 SPB+30 SPC+0 STAY",
+        "PLANE RELATIV SPC+25 STAY",
+        "L A+Q120 C+Q122 R0 FMAX",
+        "L X+10 Y+0 Z+20 FMAX",
+        "L Z+1 F300",
+    ]
     assert_tilted(lines, moved([at(10, 0, 20), at(10, 0, 1)], y_turn(30) @ z_turn(25)))
 
 
@@ -663,7 +821,7 @@ def test_plane_axial() -> None:
     lines = ["PLANE AXIAL A-30 C+90 TURN FMAX", "L X+10 Y+5 Z+20 R0 FMAX", "L Z+1 F300"]
     head = [*HEAD, "L A+0 C+0 R0 FMAX"]
     text = numbered([*head, *lines, "PLANE RESET STAY", "M30"])
-    program, tip, axis = read(text)
+    program, _, _ = read(text)
     if not_followed(program):
         # How the plane's x lies about its normal is a matter of the machine.
         assert len(head) + 1 in {block for _, block, _ in not_followed(program)}
@@ -691,8 +849,17 @@ def test_after_the_plane_is_reset_words_are_the_parts(step: str) -> None:
 def test_cycle_19_on_a_machine_with_b_and_c() -> None:
     """In the manner of posts of the time before PLANE."""
     head = [*HEAD, "L B+0 C+0 R0 FMAX"]
-    lines = ["CYCL DEF 7.0 DATUM SHIFT", "CYCL DEF 7.1 Z-10", "CYCL DEF 19.0 WORKING PLANE", "CYCL DEF 19.1 A+0 B+30 C+15",
-             "L B+Q121 C+Q122 R0 FMAX", "L X+10 Y+0 R0 FMAX", "L Z+15 R0 FMAX", "L Z-2 F300", "L X+30"]  # fmt: skip
+    lines = [
+        "CYCL DEF 7.0 DATUM SHIFT",
+        "CYCL DEF 7.1 Z-10",
+        "CYCL DEF 19.0 WORKING PLANE",
+        "CYCL DEF 19.1 A+0 B+30 C+15",
+        "L B+Q121 C+Q122 R0 FMAX",
+        "L X+10 Y+0 R0 FMAX",
+        "L Z+15 R0 FMAX",
+        "L Z-2 F300",
+        "L X+30",
+    ]
     ending = [
         "L M140 MB MAX",
         "CYCL DEF 19.0 WORKING PLANE",
@@ -721,16 +888,38 @@ def assert_five(lines: Sequence[str], expected: Sequence[Pose], head: Sequence[s
 
 def test_m128_with_tables_a_and_c() -> None:
     """Modal words: an axis that is not said again stays."""
-    lines = ["L A-35.5 C+120 R0 FMAX", "M128", "L X+10 Y+20 Z+50 A-35.5 C+120 FMAX", "L Z+12.5 F1000",
-             "L X+11 Y+21 A-36 C+121.25 F750", "L Y+22 C+122", "L Z+50 FMAX", "M129", "L M140 MB MAX"]  # fmt: skip
-    poses = [at(10, 20, 50, ac(-35.5, 120)), at(10, 20, 12.5, ac(-35.5, 120)), at(11, 21, 12.5, ac(-36, 121.25)),
-             at(11, 22, 12.5, ac(-36, 122)), at(11, 22, 50, ac(-36, 122))]  # fmt: skip
+    lines = [
+        "L A-35.5 C+120 R0 FMAX",
+        "M128",
+        "L X+10 Y+20 Z+50 A-35.5 C+120 FMAX",
+        "L Z+12.5 F1000",
+        "L X+11 Y+21 A-36 C+121.25 F750",
+        "L Y+22 C+122",
+        "L Z+50 FMAX",
+        "M129",
+        "L M140 MB MAX",
+    ]
+    poses = [
+        at(10, 20, 50, ac(-35.5, 120)),
+        at(10, 20, 12.5, ac(-35.5, 120)),
+        at(11, 21, 12.5, ac(-36, 121.25)),
+        at(11, 22, 12.5, ac(-36, 122)),
+        at(11, 22, 50, ac(-36, 122)),
+    ]
     assert_five(lines, poses)
 
 
 def test_tcpm_with_b_and_c_and_increments() -> None:
-    lines = ["L B+40 C-30 R0 FMAX", "FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS", "L X+1 Y+2 Z+30 B+40 C-30 FMAX",
-             "L IZ-25 F1000", "L X+5 IB+2.5 IC-1", "L Z+30 FMAX", "FUNCTION RESET TCPM", "L M140 MB MAX"]  # fmt: skip
+    lines = [
+        "L B+40 C-30 R0 FMAX",
+        "FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS",
+        "L X+1 Y+2 Z+30 B+40 C-30 FMAX",
+        "L IZ-25 F1000",
+        "L X+5 IB+2.5 IC-1",
+        "L Z+30 FMAX",
+        "FUNCTION RESET TCPM",
+        "L M140 MB MAX",
+    ]
     poses = [
         at(1, 2, 30, bc(40, -30)),
         at(1, 2, 5, bc(40, -30)),
@@ -744,15 +933,26 @@ def test_lines_with_tool_vectors() -> None:
     """In the manner of posts that leave the machine to the control."""
     axes = np.array([[0.6, 0.0, 0.8], [0.48, 0.36, 0.8]])
     words = [" ".join(f"T{letter}{value:+.7f}" for letter, value in zip("XYZ", axis, strict=True)) for axis in axes]
-    lines = ["FUNCTION TCPM F TCP AXIS POS PATHCTRL VECTOR", f"LN X+0 Y+0 Z+40 {words[0]} FMAX", f"LN X+0 Y+0 Z+2 {words[0]} F500",
-             f"LN X+5 Y+1 Z+2 {words[1]}", "FUNCTION RESET TCPM", "L M140 MB MAX"]  # fmt: skip
+    lines = [
+        "FUNCTION TCPM F TCP AXIS POS PATHCTRL VECTOR",
+        f"LN X+0 Y+0 Z+40 {words[0]} FMAX",
+        f"LN X+0 Y+0 Z+2 {words[0]} F500",
+        f"LN X+5 Y+1 Z+2 {words[1]}",
+        "FUNCTION RESET TCPM",
+        "L M140 MB MAX",
+    ]
     assert_five(lines, [at(0, 0, 40, axes[0]), at(0, 0, 2, axes[0]), at(5, 1, 2, axes[1])])
 
 
 def test_lines_with_normals_and_tool_vectors() -> None:
     """Without deltas the normal moves nothing."""
-    lines = ["M128", "LN X+0 Y+0 Z+40 NX+0 NY+0 NZ+1 TX+0.6 TY+0 TZ+0.8 FMAX", "LN X+1 Y+0 Z+2 NX+0 NY-0.6 NZ+0.8 TX+0.6 TY+0 TZ+0.8 F500",
-             "M129", "L M140 MB MAX"]  # fmt: skip
+    lines = [
+        "M128",
+        "LN X+0 Y+0 Z+40 NX+0 NY+0 NZ+1 TX+0.6 TY+0 TZ+0.8 FMAX",
+        "LN X+1 Y+0 Z+2 NX+0 NY-0.6 NZ+0.8 TX+0.6 TY+0 TZ+0.8 F500",
+        "M129",
+        "L M140 MB MAX",
+    ]
     text = numbered([*HEAD, *lines, "M30"])
     program, _, _ = read(text)
     if not_followed(program):
@@ -885,8 +1085,15 @@ def test_iso_parameters_and_jumps() -> None:
 
 
 def test_iso_arithmetic() -> None:
-    lines = ["D00 Q1 P01 +12", "D02 Q3 P01 +Q1 P02 +2.5", "D03 Q4 P01 +Q3 P02 -2", "D04 Q5 P01 +Q1 P02 +8", "D05 Q6 P01 +16",
-             "G00 X+Q3 Y+Q4 Z+Q5", "G01 X-Q6 F100"]  # fmt: skip
+    lines = [
+        "D00 Q1 P01 +12",
+        "D02 Q3 P01 +Q1 P02 +2.5",
+        "D03 Q4 P01 +Q3 P02 -2",
+        "D04 Q5 P01 +Q1 P02 +8",
+        "D05 Q6 P01 +16",
+        "G00 X+Q3 Y+Q4 Z+Q5",
+        "G01 X-Q6 F100",
+    ]
     assert_iso(lines, [at(9.5, -19, 1.5), at(-4, -19, 1.5)])
 
 

@@ -90,6 +90,16 @@ def test_a_cone_rolled_along_a_plane_cuts_it_exactly() -> None:
     assert from_json(result.to_json()) == result
 
 
+def test_the_length_of_a_cut_that_is_left_on_the_way_is_that_of_its_pieces() -> None:
+    """Retract and approach between two pieces of a sweep are no part of it."""
+    low, high = flank_program(0.0, (0.0, 20.0)), flank_program(0.0, (20.0, 40.0))
+    body = [line.split(" ", 1)[1] for line in low.splitlines()]
+    more = [line.split(" ", 1)[1] for line in high.splitlines()]
+    text = "\n".join([*body[: body.index("M30")], *more[more.index("L M140 MB MAX") + 1 :]])
+    (found,) = verify_program(text, scene_of(FLANK), "", POINTS).sweeps
+    assert found.length_mm == pytest.approx(40.0)
+
+
 def test_a_gouge_has_depth_place_block_and_pose() -> None:
     result = verify_program(flank_program(-0.025), scene_of(FLANK), "", POINTS)
     assert result.overcut_max_um == pytest.approx(25.0, abs=1e-3)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conflank_cli.commands.tables import judgement
 from conflank_cli.geometry.face import CheckMesh
-from conflank_cli.job import Machine
+from conflank_cli.job import Copies, Machine
 from conflank_cli.posting.program import post_program
 from conflank_cli.scene import Scene
 from conflank_cli.tool import CATALOGUE
@@ -20,6 +20,7 @@ from conflank_cli.verification.findings import Finding
 from conflank_cli.verification.judge import verify_program
 from conflank_cli.verification.posed import PosedProgram, pose_program
 from conflank_cli.verification.standing import Standing, lowest
+from conflank_cli.verification.ways import sagitta
 from postprocessors.machines.machine import read_machine_file
 from tests.verification.scenes import NOTHING, TCPM, header, plane_face, program, scene_of
 from tests.verification.test_pattern import pattern_scene, sweep
@@ -96,6 +97,15 @@ def test_what_stands_on_the_table_is_as_high_as_it_is_in_the_programs_frame() ->
     assert standing.height(np.array([0.0, 0.0, 1.0])) == pytest.approx(12.0)
     assert standing.height(np.array([0.0, 1.0, 0.0])) == pytest.approx(20.0)
     assert standing.height(np.array([0.0, 0.0, -1.0])) == pytest.approx(3.0)
+
+
+def test_copies_stand_on_the_table_whether_they_are_cut_or_not() -> None:
+    """A plate from x = 30 to 50, and the same a third of a turn on and another third on."""
+    scene = pattern_scene(Copies((0.0, 0.0, 1.0), 3, (0,)))
+    standing = Standing.of(scene, pose_program(program([]), scene).poses.frame)
+    for k in range(3):
+        angle = radians(120.0 * k)
+        assert standing.height(np.array([cos(angle), sin(angle), 0.0])) == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(("height", "proven"), [(12.5, True), (11.5, False)])
@@ -270,6 +280,36 @@ def test_a_table_that_turns_at_rest_takes_the_tool_along_an_arc() -> None:
     assert np.abs(np.diff(result.rotary[turning], axis=0)).max() <= radians(2.0) + 1e-12
 
 
+def test_a_retract_with_a_head_that_may_stand_anywhere() -> None:
+    """Nothing positions the axes before the first vector: the machine's Z is not known on the part."""
+    vector = f"TX+0 TY+{sin(radians(30)):.9f} TZ+{cos(radians(30)):.9f}"
+    body = [TCPM, f"LN X-30 Y+0 Z+100 {vector} FMAX", "FUNCTION RESET TCPM", "L M140 MB MAX"]
+    result = posed(body, on("head-table"))
+    assert np.isfinite(result.poses.tip).all()
+    assert [finding.block for finding in result.findings if finding.code == "CF116"] == [17, 19]
+
+
+@pytest.mark.parametrize("turns", [(0.03, 0.0), (0.0, 0.03), (0.02, 0.01), (0.015, -0.015)])
+def test_between_two_poses_nothing_rises_more_than_the_sagitta(turns: tuple[float, float]) -> None:
+    """Points turned by both tables at once, against the chord between the ends."""
+    rng = np.random.default_rng(7)
+    share = np.linspace(0.0, 1.0, 101)
+    worst, most = 0.0, 0.0
+    for _ in range(50):
+        point, start = rng.normal(size=3) * 100.0, rng.uniform(-3.0, 3.0, 2)
+        turned = start + share[:, None] * np.array(turns)
+        place = (
+            Rotation.from_rotvec(turned[:, 1:] * [1.0, 0.0, 0.0]) * Rotation.from_rotvec(turned[:, :1] * UP)
+        ).apply(point)
+        chord = place[0] + share[:, None] * (place[-1] - place[0])
+        bound = float(sagitta(float(np.linalg.norm(point)), np.array([np.abs(turns).sum()]))[0])
+        off = float(np.linalg.norm(place - chord, axis=1).max())
+        assert off <= bound
+        worst, most = max(worst, off / bound), max(most, off)
+    # It is no wide guess either: where one axis turns some point comes close to it.
+    assert most > 0.0 and (0.0 not in turns or worst > 0.9)
+
+
 def test_what_stands_on_the_arc_is_hit() -> None:
     body = ["L A+0 C+0 R0 FMAX", "L X+60 Y+0 Z+50 R0 FMAX", "L Z-5 FMAX", "L A+0 C+90 R0 FMAX", "L M140 MB MAX"]
     centre = -np.array(ZERO[:2])
@@ -287,6 +327,18 @@ def test_machine_coordinates_are_followed() -> None:
     assert [finding for finding in result.findings if finding.code == "CF116"] == []
     there = np.array([-100.0, 50.0, 260.0 - LENGTH]) - ZERO
     assert np.abs(result.poses.tip - there).max(axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize(("height", "proven"), [(275.0, True), (265.0, False)])
+def test_a_tool_change_from_a_known_place(height: float, proven: bool) -> None:
+    """The tip is LENGTH below the nose, the plane at machine Z 120: above it from 270 on."""
+    body = [
+        "L X+60 Y+0 Z+5 R0 FMAX",
+        f"L X-100 Y+50 Z{height:+.1f} R0 FMAX M91",
+        "TOOL CALL 1 Z S3000",
+        "L M140 MB MAX",
+    ]
+    assert (found(body, on(zero=ZERO)) == []) == proven
 
 
 def test_from_a_known_place_to_a_pose_that_is_not_above() -> None:
@@ -358,6 +410,16 @@ def test_words_out_of_the_range_of_their_axis(word: str, code: list[str]) -> Non
         assert (result[0].limit, result[0].unit, result[0].count) == ((30.0 if "+" in word else -120.0), "deg", 2)
     # Positioning off the part counts as well.
     assert [finding.code for finding in found(body[:1], on(), "CF401")] == code
+
+
+def test_the_shorter_way_is_for_axes_within_one_turn() -> None:
+    """M126 acts on C, whose display is reduced to 0 .. 360, and not on A, which counts from -110 to 110 degrees."""
+    text = edited("range_deg = [-120.0, 30.0]", "range_deg = [-110.0, 110.0]")
+    place = "X+0 Y+0 Z+300"
+    body = ["M126", "L A-100 C+350 R0 FMAX", TCPM, f"L {place} A-100 C+350 FMAX", f"L {place} A+100 C+10 F500"]
+    result = posed(body, on(definition=text))
+    np.testing.assert_allclose(np.degrees(result.rotary), [[350.0, -100.0], [370.0, 100.0]])
+    assert [finding for finding in result.findings if finding.code == "CF401"] == []
 
 
 @pytest.mark.parametrize("tilt", [29.0, 31.0])

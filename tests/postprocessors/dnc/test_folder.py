@@ -223,12 +223,12 @@ def second(text: bytes) -> bytes:
 
 ISO = b"%A G71 *\r\nN10 G17 G40 G90*\r\nN99999999 %A G71 *\r\n"
 TWO = {
-    "one behind the other": TEXT + second(TEXT),
+    "one after the other": TEXT + second(TEXT),
     "the same twice": TEXT + TEXT,
     "with lines between": TEXT + b"\r\n\r\n" + second(TEXT),
     "the first without an end": TEXT.rpartition(b"2 END")[0] + second(TEXT),
     "in ISO": ISO + second(ISO),
-    "text behind the end": TEXT + b"3 L X+5\r\n",
+    "text after the end": TEXT + b"3 L X+5\r\n",
 }
 
 
@@ -237,9 +237,9 @@ def test_a_control_that_outputs_two_programs_is_an_error(name: str, tmp_path: Pa
     """Standard protocol: lines of both, one ETX, one EOT; today's file would hold both under the first one's name."""
     engine = StandardReceiver(profile(), "A", FileSink(tmp_path / "A.H", overwrite=False, expected="A"))
     engine.begin(0.0)
-    with pytest.raises(DeviceError, match="behind"):
+    with pytest.raises(DeviceError, match=" after "):
         engine.received(b"\0\0\0" + TWO[name] + b"\x03\x04", 0.0)
-    engine.abort("behind", 0.0)
+    engine.abort("two programs", 0.0)
     assert [*tmp_path.iterdir()] == []
 
 
@@ -251,7 +251,7 @@ def test_so_it_is_block_by_block(name: str, tmp_path: Path) -> None:
     control = control_for(OWN, {"A.H": TWO[name]})
     Line(engine, control, exact=False).run(lambda now: control.save("A.H", now))
     assert [*tmp_path.iterdir()] == []
-    assert any("behind" in text for text in said)
+    assert any(" after " in text for text in said)
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_one_program_arrives_as_it_is(text: bytes, tmp_path: Path) -> None:
     assert (tmp_path / "A.H").read_bytes() == text
 
 
-def test_the_name_counts_behind_empty_lines_too(tmp_path: Path) -> None:
+def test_the_name_counts_after_empty_lines_too(tmp_path: Path) -> None:
     sink = FileSink(tmp_path / "B.H", overwrite=False, expected="B")
     sink.write(b"")
     with pytest.raises(DeviceError, match="program A from the control"):

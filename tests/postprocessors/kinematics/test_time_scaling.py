@@ -62,7 +62,7 @@ def test_a_straight_line_keeps_its_feed() -> None:
     run = run_of(axes, 20.0)
     (seconds,) = scaled_seconds([run], LIMITS)
     assert (seconds >= run.least).all()
-    np.testing.assert_allclose(seconds, run.least, rtol=2.0 * WEIGHTS[-1])
+    np.testing.assert_array_equal(seconds, run.least)
 
 
 def test_on_a_circle_the_acceleration_sets_the_feed() -> None:
@@ -114,8 +114,8 @@ def test_printed_feeds_keep_every_limit(kind: str, seed: int, count: int) -> Non
         return
     (seconds,) = scaled_seconds([run], LIMITS)
     assert (seconds >= run.least).all()
-    # Of a feed below some mm/min rounding leaves nothing; no cut has such a feed.
-    if (60.0 * run.way / seconds).min() > 5.0:
+    # Half a mm/min is 2 % of a feed of 25; of a lower one it takes more than second order leaves room for.
+    if (60.0 * run.way / seconds).min() > 25.0:
         assert max(asked(axes, printed(run, seconds))) <= 1.0
 
 
@@ -181,3 +181,12 @@ def test_nothing_to_run() -> None:
     first, second = scaled_seconds([empty, one], LIMITS)
     assert len(first) == 0
     np.testing.assert_allclose(second, 0.05, rtol=2.0 * WEIGHTS[-1])
+
+
+def test_a_run_that_all_but_stands_is_slowed_down_as_a_whole() -> None:
+    """Blocks of a digit while C swings by half a degree: whole feeds leave next to nothing of the limits."""
+    axes = np.zeros((200, 5))
+    axes[:, 0], axes[:, 3] = 1e-4 * (np.arange(200) % 2), 0.5 * np.arange(200)
+    run = run_of(axes, 20.0)
+    (seconds,) = scaled_seconds([run], LIMITS)
+    assert np.isfinite(seconds).all() and max(asked(axes, seconds)) <= 1.0
