@@ -228,7 +228,7 @@ def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) ->
     mark = max(limit, min(least, few.distance.min(initial=np.inf)))
     # Between its corners a piece may come nearer. Where that could matter it is halved.
     blind = np.zeros(len(sample.points))
-    np.maximum.at(blind, sample.pieces, (_COVER * sample.longest + sample.piece_sag)[:, None])
+    np.maximum.at(blind, sample.pieces, _unseen(sample, search.smooth)[:, None])
     found = _measured(motions, sample.points, sample.sag, mark + blind)
     closest: list[Integers] = []
     sags: list[Array] = []
@@ -241,7 +241,7 @@ def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) ->
         chosen = long & matters
         if not chosen.any():
             break
-        old, reach = len(sample.points), mark + _COVER * sample.longest[chosen] + sample.piece_sag[chosen]
+        old, reach = len(sample.points), mark + _unseen(sample, search.smooth)[chosen]
         sample = sample.halved(chosen)
         order = spatial_order(sample.points[old:])
         back = np.argsort(order)
