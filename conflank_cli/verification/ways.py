@@ -118,15 +118,16 @@ def follow_ways(program: Program, mounted: Mounted) -> Ways:
 class _State:
     """Where the cutter may be between two known poses.
 
-    retracted: fully, above everything. nose: where X, Y and Z may stand, machine coordinates, (3,) each; empty where
-    that is not known. pose: the move at whose end the cutter still is, or -1. rotary: positions, NaN where not known.
-    in_plane: whether the control has turned the axes as a tilted plane asks. call: the tool call in force. lost:
-    whether nothing at all is known.
+    retracted: fully, above everything; sure: for certain along the machine's Z. nose: where X, Y and Z may stand,
+    machine coordinates, (3,) each; empty where that is not known. pose: the move at whose end the cutter still is, or
+    -1. rotary: positions, NaN where not known. in_plane: whether the control has turned the axes as a tilted plane
+    asks. call: the tool call in force. lost: whether nothing at all is known.
     """
 
     rotary: Array
     call: int = -1
     retracted: bool = False
+    sure: bool = True
     nose: list[Array] = field(default_factory=list)
     pose: int = -1
     lost: bool = False
@@ -296,7 +297,7 @@ class _Walk:
             if not lift >= ABOVE:
                 why = "a tool is called while the cutter is not above everything along the machine's Z"
                 self._lose(state, move, why, move.block, lift if np.isfinite(lift) else None)
-        state.retracted, state.nose, state.pose, state.lost = True, [], -1, False
+        state.retracted, state.sure, state.nose, state.pose, state.lost = True, True, [], -1, False
         state.call = min(state.call + 1, len(self.mounted.tools) - 1)
 
     def _lifts(self, state: _State) -> list[float]:
@@ -316,6 +317,7 @@ class _Walk:
         straight = not self._heads or (known and bool(self.machine.upright(state.rotary[None])[0]))
         if self.mounted.no_machine:
             straight = True
+        state.sure |= straight
         if state.nose:
             self._to_limit_on_machine(move, state, straight)
             return
@@ -329,7 +331,8 @@ class _Walk:
                 self._lose(state, move, "a retract with rotary axes at positions that are not known", move.block)
         elif state.retracted and not straight:
             # At the top already, it goes no lower as long as the tool points down. Where the head stands after a tool
-            # change is not in the text, but no tool is changed with its tip above the spindle.
+            # change is not in the text: not with the tip above the spindle, but which way it goes is open.
+            state.sure = known and state.sure
             straight = not known or bool(self.machine.spindle(state.rotary[None])[0, 2] >= 0.0)
             if not straight:
                 self._lose(state, move, "a retract along a tool axis that points down", move.block)
@@ -415,7 +418,7 @@ class _Walk:
         elif not state.retracted and set(words) != {"Z"}:
             self._lose(state, move, "a move in machine coordinates from a place that is not retracted", move.block)
         elif state.retracted or state.pose < 0 or self._rise_to_top(move, state):
-            state.retracted, state.pose, state.lost = True, -1, False
+            state.retracted, state.sure, state.pose, state.lost = True, True, -1, False
         self._set_rotary(state, words)
 
     def _rise_to_top(self, move: UnknownMove, state: _State) -> bool:
@@ -538,6 +541,9 @@ class _Walk:
         if not state.retracted:
             if not (state.lost and moved):
                 self._find(f"{_LOST}, and it does not start from a full retract", block, program)
+            return
+        if not state.sure:
+            self._find(f"{_LOST}: the last retract went along a tool axis that is not known", block, program)
             return
         tip, axis = self._tip(start)
         ups = [self._up(state.rotary, axis)]

@@ -126,14 +126,18 @@ def test_above_means_along_the_machines_z(along: float, proven: bool) -> None:
     assert (found(body, scene) == []) == proven
 
 
+RAISED = ["L B+0 C+0 R0 FMAX", "L M140 MB MAX"]
+"""The retract that counts on a machine whose head may stand anywhere after a tool change."""
+
+
 def test_with_a_tilted_head_the_holder_counts_and_up_is_z() -> None:
     """B90: the tool lies; its holder, 20 mm in radius, hangs below its tip."""
     scene = on("head-table")
     for height, proven in ((20.1, True), (19.9, False)):
-        body = ["L B+90 C+0 R0 FMAX", TCPM, f"L X-30 Y+0 Z{height:+.3f} B+90 C+0 FMAX"]
+        body = [*RAISED, "L B+90 C+0 R0 FMAX", TCPM, f"L X-30 Y+0 Z{height:+.3f} B+90 C+0 FMAX"]
         assert (found(body, scene) == []) == proven
     # Far out along the tool axis is not above.
-    assert found(["L B+90 C+0 R0 FMAX", TCPM, "L X+300 Y+0 Z+0 B+90 C+0 FMAX"], scene)
+    assert found([*RAISED, "L B+90 C+0 R0 FMAX", TCPM, "L X+300 Y+0 Z+0 B+90 C+0 FMAX"], scene)
 
 
 @pytest.mark.parametrize("turn", ["", "L A-30 C+10 R0 FMAX", "L A-20 C+0 R0 FMAX", "L A-30 R0 FMAX"])
@@ -219,16 +223,16 @@ def test_the_number_of_unknown_moves_is_printed() -> None:
 
 def test_a_tilted_head_retracts_both_ways_and_is_not_retracted() -> None:
     body = ["L B+30 C+0 R0 FMAX", TCPM, "L X-30 Y+0 Z+60 B+30 C+0 FMAX", "FUNCTION RESET TCPM", "L M140 MB MAX"]
-    result = posed(body, on("head-table"))
+    result = posed([*RAISED, *body], on("head-table"))
     start = np.array([-30.0, 0.0, 60.0])
     ends = [start + 200.0 * np.array([sin(radians(30)), 0.0, cos(radians(30))]), start, start + 200.0 * UP]
     np.testing.assert_allclose(result.poses.tip, [start, *ends], atol=1e-9)
     assert result.poses.moves.joined.tolist() == [False, True, False, True]
-    assert found(body, on("head-table")) == []
-    again = found([*body, *body], on("head-table"))
+    assert found([*RAISED, *body], on("head-table")) == []
+    again = found([*RAISED, *body, *body], on("head-table"))
     assert len(again) == 1 and "not fully retracted" in again[0].text
     upright = [*body[:3], "L B+0 FMAX", *body[3:]]
-    assert found([*upright, *body], on("head-table")) == []
+    assert found([*RAISED, *upright, *body], on("head-table")) == []
 
 
 # --- the machine is known -------------------------------------------------------------------------------------------
@@ -287,6 +291,15 @@ def test_a_retract_with_a_head_that_may_stand_anywhere() -> None:
     result = posed(body, on("head-table"))
     assert np.isfinite(result.poses.tip).all()
     assert [finding.block for finding in result.findings if finding.code == "CF116"] == [17, 19]
+
+
+@pytest.mark.parametrize("left_out", [None, "L B+0 C+0 R0 FMAX", "L M140 MB MAX"])
+def test_after_a_tool_change_the_head_turns_upright_before_the_retract_that_counts(left_out: str | None) -> None:
+    """Where the head stands after a tool change is not in the text: M140 might go anywhere along it."""
+    body = [*(block for block in RAISED if block != left_out), "L B+30 C+0 R0 FMAX", TCPM]
+    body += ["L X+0 Y+0 Z+300 B+30 C+0 R0 FMAX", "L Z+320 F500"]
+    findings = posed(body, on("head-table")).findings
+    assert [finding.code for finding in findings] == ([] if left_out is None else ["CF116"])
 
 
 @pytest.mark.parametrize("turns", [(0.03, 0.0), (0.0, 0.03), (0.02, 0.01), (0.015, -0.015)])
