@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 # Points that are held against a motion together before each is by itself; and blocks that are worth a thread.
-BLOCK, WORTH_A_THREAD = 32, 8
+BLOCK, WORTH_A_THREAD = 32, 32
 # A parabola through three values at even times goes beyond the largest of them by a quarter at most.
 _OF_THREE = 1.25
 # What a distance may be off by the kernel's own tolerance and by floating-point noise, mm.
@@ -164,6 +164,7 @@ class BodyMotion:
     ways: Array
     joined: npt.NDArray[np.bool_]
     groups: tuple[Array, Array, Array, Array]
+    box: tuple[Array, Array]
 
     @classmethod
     def of(cls, cells: Cells, body: Body) -> BodyMotion:
@@ -171,15 +172,22 @@ class BodyMotion:
         cells = unbroken(cells)
         table = with_slack(cells.cells, hypot(max(abs(body.low), abs(body.high)), body.radius))
         size = body.low, body.high, body.radius
-        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size))
+        return cls(body, cells, table, *cell_ways(table, *size), group_cells(table, *size), _box_of(table, *size))
 
     def below(self, points: Array, start: Array) -> Below:
         """The points (N, 3) that the body comes nearer to than `start` (N,), exactly, and where.
 
         It is quick where points next to each other in the array are close together: see `spatial_order`.
         """
+        low, high = self.box
+        # What lies outside of the box around the whole motion is as far from the body as from that at least.
+        outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+        away = np.einsum("ij,ij->i", outside, outside)
+        within = np.flatnonzero((away == 0.0) | (away < np.square(np.maximum(start, 0.0))))
+        if not len(within):
+            return Below(within, np.zeros(0), within, np.zeros(0))
+        points, start = np.ascontiguousarray(points[within]), np.ascontiguousarray(start[within])
         count = len(points)
-        points, start = np.ascontiguousarray(points), np.ascontiguousarray(start)
         distance, where, tau = np.empty(count), np.empty(count, np.int64), np.empty(count)
 
         def run(blocks: slice) -> None:
@@ -196,7 +204,22 @@ class BodyMotion:
         back = (at == 0.0) & (cell > 0) & self.joined[cell - 1]
         cell, at = np.where(back, cell - 1, cell), np.where(back, 1.0, at)
         share = self.cells.begin[cell] + at * self.cells.width[cell]
-        return Below(chosen, distance[chosen], self.cells.move[cell], share)
+        return Below(within[chosen], distance[chosen], self.cells.move[cell], share)
+
+
+def _box_of(table: Array, low: float, high: float, radius: float) -> tuple[Array, Array]:
+    """Corners of a box that holds a body (heights low .. high, radius) all along its cells (M, 16)."""
+    tips, axes = table[:, 0:3], table[:, 6:9]
+    ends = [
+        tip + height * axis
+        for tip, axis in ((tips, axes), (tips + table[:, 3:6], axes + table[:, 9:12]))
+        for height in (low, high)
+    ]
+    bow = float(np.linalg.norm(table[:, 12:15], axis=1).max()) * max(abs(low), abs(high))
+    rim = radius + bow + _ROUNDING
+    return np.min([end.min(axis=0) for end in ends], axis=0) - rim, np.max(
+        [end.max(axis=0) for end in ends], axis=0
+    ) + rim
 
 
 def nearest(points: Array, cells: Cells, body: Body, start: Array | float = np.inf) -> Nearest:
