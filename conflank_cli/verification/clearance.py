@@ -7,7 +7,7 @@ closely.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -63,14 +63,16 @@ told, for radii of half a millimetre and more."""
 _COVER = 0.58
 """No place on a triangle is further from its nearest corner than this share of its longest side."""
 
-_SMOOTH = 0.42
-"""What is smooth comes nearer between the corners of a piece of size h by h^2 times this at most, 1/mm: half the square
-of `_COVER` over the radius at which tool and face bend towards each other, 0.4 mm and more. What has an edge may come
-nearer by as much as it is away from the corners."""
+_BEND = 1.0
+"""What is smooth and of radius r comes nearer between the corners of a piece of size h by h^2 times half the square of
+`_COVER` times 1 / r + this, 1/mm: what a face itself bends is the sag of its pieces, and this is to spare. What has an
+edge may come nearer by as much as it is away from the corners."""
 
-_RIM = 1.0
-"""Of a cone this much below its upper edge is looked at as what has an edge, mm: more than a piece that counts as
-smooth reaches."""
+_EDGE = 1.0
+"""So much of a body beside an edge is looked at as what has one, mm: more than a piece that is smooth reaches."""
+
+_SAME_RADIUS = 1e-3
+"""An edge that stands out by less than this over what the tool goes on with is none, mm."""
 
 _FEW = 64
 """One point in so many is measured first, to tell how near the nearest of all is at most."""
@@ -188,36 +190,41 @@ class _Search(NamedTuple):
     """One way of looking for what is near.
 
     by: motions of the bodies by which it is looked for; to: of those by which the nearest places are measured.
-    smooth: whether the bodies have no edge that matters.
+    bend: how the bodies bend towards a face at most, 1/mm; infinite where they have an edge.
     """
 
     by: Sequence[BodyMotion]
     to: Sequence[BodyMotion]
-    smooth: bool
+    bend: float
 
 
 def _searches(stretches: list[CutMoves], component: str) -> list[_Search]:
-    """How a component is looked for."""
+    """How a component is looked for: by its smooth sides and by edges that stand out."""
 
     # What the axis does between blocks does not matter here: both ways are one motion.
-    def moving(name: str) -> list[BodyMotion]:
+    def moving(bodies: Callable[[Tool], Sequence[Body]]) -> list[BodyMotion]:
         return [
             BodyMotion.of(join_cells(list(stretch.cells)), body)
             for stretch in stretches
-            for body in _component(stretch.tool, name)
+            for body in bodies(stretch.tool)
         ]
 
-    own = moving(component)
-    if component == "cone":
-        return [_Search(own, own, smooth=True), _Search(moving("rim"), own, smooth=False)]
-    return [_Search(own, own, smooth=component == "ball")] if own else []
+    own = moving(partial(_component, name=component))
+    edges = moving(partial(_edges, component=component))
+    radius = min((_least_radius(motion.body) for motion in own), default=0.0)
+    found = [_Search(own, own, 1.0 / radius + _BEND if radius > 0.0 else np.inf)] if own else []
+    return [*found, _Search(edges, own, np.inf)] if edges else found
 
 
-def _unseen(sample: MeshSample, smooth: bool) -> Array:
-    """By how much something may come nearer within a piece than at its corners, (K,) mm; `smooth` for a ball."""
-    size = sample.longest
-    straight = _COVER * size
-    return np.asarray((np.minimum(straight, _SMOOTH * size**2) if smooth else straight) + sample.piece_sag)
+def _least_radius(body: Body) -> float:
+    """Radius of a ball, and of the narrower end of a frustum, mm: its numbers are those that the kernel reads."""
+    return float(body.numbers[1] if body.name == "ball" else min(body.numbers[2], body.numbers[4]))
+
+
+def _unseen(sample: MeshSample, bend: float) -> Array:
+    """By how much what bends so (1/mm) may come nearer within a piece than at its corners, (K,) mm."""
+    away = _COVER * sample.longest
+    return np.asarray((away if np.isinf(bend) else np.minimum(away, 0.5 * bend * away**2)) + sample.piece_sag)
 
 
 def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) -> _Nearest | None:
@@ -228,20 +235,20 @@ def _nearest(search: _Search, sample: MeshSample, limit: float, least: float) ->
     mark = max(limit, min(least, few.distance.min(initial=np.inf)))
     # Between its corners a piece may come nearer. Where that could matter it is halved.
     blind = np.zeros(len(sample.points))
-    np.maximum.at(blind, sample.pieces, _unseen(sample, search.smooth)[:, None])
+    np.maximum.at(blind, sample.pieces, _unseen(sample, search.bend)[:, None])
     found = _measured(motions, sample.points, sample.sag, mark + blind)
     closest: list[Integers] = []
     sags: list[Array] = []
     while True:
         mark = max(limit, min(least, found.distance.min(initial=np.inf)))
-        bound = -largest(-found.distance[sample.pieces]) - _unseen(sample, search.smooth)
+        bound = -largest(-found.distance[sample.pieces]) - _unseen(sample, search.bend)
         long, matters = sample.longest > FINEST, bound < mark
         closest.append(sample.pieces[~long & matters])
         sags.append(sample.piece_sag[~long & matters])
         chosen = long & matters
         if not chosen.any():
             break
-        old, reach = len(sample.points), mark + _unseen(sample, search.smooth)[chosen]
+        old, reach = len(sample.points), mark + _unseen(sample, search.bend)[chosen]
         sample = sample.halved(chosen)
         order = spatial_order(sample.points[old:])
         back = np.argsort(order)
@@ -289,12 +296,32 @@ def _component(tool: Tool, name: str) -> tuple[Body, ...]:
         return (ball_body(tool),)
     if name == "cone":
         return (cone_body(tool),)
-    if name == "rim":
-        low = max(tool.length - _RIM, 0.0)
-        radius = tool.r_min + (tool.r_max - tool.r_min) * low / tool.length
-        return (frustum_body("rim", low - tool.tip_height, radius, tool.length - tool.tip_height, tool.r_max),)
     shank, holder = section_bodies(tool)
     return shank if name == "shank" else holder
+
+
+def _edges(tool: Tool, component: str) -> tuple[Body, ...]:
+    """What lies beside those edges of a component that stand out over what the tool goes on with below or above."""
+    cone = ("cone", tool.r_min, tool.r_max, tool.length)
+    sections = [
+        (name, part.diameter_low / 2.0, part.diameter_high / 2.0, part.length)
+        for name, parts in (("shank", tool.shank), ("holder", tool.holder))
+        for part in parts
+    ]
+    parts = [cone, *sections]
+    # The ball goes on below the cone, and nothing above the last section.
+    below = [tool.r_min, *(part[2] for part in parts[:-1])]
+    above = [*(part[1] for part in parts[1:]), 0.0]
+    found, low = [], -tool.tip_height
+    for (name, r_low, r_high, length), before, after in zip(parts, below, above, strict=True):
+        slope, size = (r_high - r_low) / length, min(_EDGE, length)
+        if name == component and r_low > before + _SAME_RADIUS:
+            found.append(frustum_body("edge", low, r_low, low + size, r_low + slope * size))
+        if name == component and r_high > after + _SAME_RADIUS:
+            high = low + length
+            found.append(frustum_body("edge", high - size, r_high - slope * size, high, r_high))
+        low += length
+    return tuple(found)
 
 
 def _reach_box(poses: Poses, tools: list[Tool]) -> tuple[Array, Array]:
