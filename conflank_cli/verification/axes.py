@@ -207,7 +207,8 @@ def contact_feeds(
     if fast.any():
         findings.append(_other_feed(moves, at, np.where(fast, feed / wanted, 0.0), feed, wanted, int(fast.sum())))
     slow = (feed + rounding < TOO_SLOW * wanted) & labelled[at]
-    slow &= ~_with_reason(slow, at, load[at])
+    # In APT data rotary axes are not known, and may be the reason.
+    slow &= ~_with_reason(slow, at, load[at]) & program.control
     if slow.any():
         findings.append(_other_feed(moves, at, np.where(slow, wanted / feed, 0.0), feed, wanted, int(slow.sum())))
     return findings

@@ -175,8 +175,9 @@ def test_times_against_a_simulated_machine(seed: int, blocks: int, feed: float) 
     assert found == pytest.approx(simulated_machine.drive(moves, nominal, limits).seconds, rel=0.02, abs=0.002)
 
 
-def contact(blocks: Sequence[str], label: str = "SWEEP 1") -> list[Finding]:
+def contact(blocks: Sequence[str], label: str = "SWEEP 1", control: bool = True) -> list[Finding]:
     posed = posed_of(blocks, label=label)
+    posed = replace(posed, program=replace(posed.program, control=control))
     ran = drive(posed, SCENE)
     none = np.zeros(len(ran.load), dtype=np.bool_)
     return contact_feeds(posed.poses, posed.program, posed.tools, SCENE, none, labelled_cuts(posed.program), ran.load)
@@ -214,6 +215,11 @@ def test_a_slow_corner_has_a_reason() -> None:
     corner = path_blocks(points, np.array(slow, dtype=np.float64))
     assert contact(corner) == []
     assert len(contact([*straight(1000, 10), "L X+11 F400", "L X+12 F1000"])) == 1
+
+
+def test_where_no_machine_is_known_a_slow_feed_may_have_its_reason() -> None:
+    assert contact(straight(490), control=False) == []
+    assert len(contact(straight(1060), control=False)) == 1
 
 
 def test_an_unlabelled_cut_is_checked_where_it_cuts() -> None:
