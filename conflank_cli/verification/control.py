@@ -8,7 +8,7 @@ Source: HEIDENHAIN iTNC 530 user's manuals, conversational (340 49x) and DIN/ISO
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from math import cos, hypot, nan, radians, sin
 from typing import NamedTuple
@@ -93,6 +93,24 @@ class Control:
             label = HeaderReader().read(comment)
             if isinstance(label, CutLabel):
                 self.recorder.label(label)
+
+    # --- parameters and jumps ---------------------------------------------------------------------------------------
+
+    def assign(self, name: str, value: Callable[[], float | None], block: int) -> None:
+        """Give a parameter the value of a function or formula; a ValueError says why that is not followed."""
+        try:
+            self.parameters.set(name, value())
+        except ValueError as error:
+            self.parameters.set(name, None)
+            self.recorder.find("CF102", f"{error}; {name} is not known", block)
+
+    def jump_if(self, holds: bool | None, label: str, text: str, block: int) -> None:
+        """A jump on a condition, None where that is not known; `text` is the block."""
+        if holds is None:
+            self.recorder.find("CF102", f"whether {text[:60]} jumps is not known", block)
+            self.recorder.lose_place(block)
+        elif holds and self.flow is not None:
+            self.flow.go_to(label, block)
 
     # --- tool, spindle, feed ----------------------------------------------------------------------------------------
 

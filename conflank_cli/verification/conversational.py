@@ -182,8 +182,11 @@ class _Reading(Control):
             (_ARC, lambda found, _, block: self.arc(found[1], self.split(found[2]), block)),
             (_POLAR, lambda found, _, block: self.polar(found[1], self.split(found[2]), block)),
             (_JUMP, lambda found, text, block: self.jump(found, text, block)),
-            (_FUNCTION, lambda found, _, block: self.function(found, block)),
-            (_FORMULA, lambda found, _, block: self.formula(found, block)),
+            (_FUNCTION, self.function),
+            (
+                _FORMULA,
+                lambda found, _, block: self.assign(found[1], partial(self.parameters.formula, found[2]), block),
+            ),
             form(r"STOP\b", lambda found, _, block: self.stop(found.string[found.end() :], block)),
             *((words, partial(self.corner_block, kind)) for kind, words in _CORNER.items()),
             *((words, lambda found, text, block: None) for words in _HARMLESS),
@@ -349,22 +352,9 @@ class _Reading(Control):
         if rest.strip():
             self.motion(self.split(rest), False, False, block)
 
-    def function(self, found: re.Match[str], block: int) -> None:
+    def function(self, found: re.Match[str], written: str, block: int) -> None:
         """FN n: Q = ..."""
-        name = found[2]
-        try:
-            self.parameters.set(name, self.parameters.numbered(int(found[1]), found[3]))
-        except ValueError as error:
-            self.parameters.set(name, None)
-            self.recorder.find("CF102", f"{error}: {name} is not known", block)
-
-    def formula(self, found: re.Match[str], block: int) -> None:
-        """Q = formula."""
-        try:
-            self.parameters.set(found[1], self.parameters.formula(found[2]))
-        except ValueError as error:
-            self.parameters.set(found[1], None)
-            self.recorder.find("CF102", f"{error}; {found[1]} is not known", block)
+        self.assign(found[2], partial(self.parameters.numbered, int(found[1]), found[3]), block)
 
     def jump(self, found: re.Match[str], written: str, block: int) -> None:
         """FN 9 to FN 12."""
@@ -372,12 +362,8 @@ class _Reading(Control):
         if COMPARED[function] != comparison:
             self.recorder.find("CF101", f"block not understood: {written[:60]}", block)
             return
-        holds = self.parameters.holds(function, first, second)
-        if holds is None:
-            self.recorder.find("CF102", f"whether {written[:60]} jumps is not known", block)
-            self.recorder.lose_place(block)
-        elif holds and self.flow is not None:
-            self.flow.go_to(found[5].lstrip("0") or "0" if found[5] else found[6], block)
+        label = found[5].lstrip("0") or "0" if found[5] else found[6]
+        self.jump_if(self.parameters.holds(function, first, second), label, written, block)
 
     # --- arcs -------------------------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import partial
 
 from conflank_cli.verification.blocks import Block, split_iso
 from conflank_cli.verification.control import Control
@@ -227,39 +228,15 @@ class _Reading(Control):
         elif text.startswith("PLANE"):
             self.not_followed(f"a tilted plane by {text[:60]}", block)
         elif found := _JUMP.match(text):
-            self.jump(found, text, block)
+            label = str(int(found[4])) if found[4] else found[5]
+            self.jump_if(self.parameters.holds(int(found[1]), found[2], found[3]), label, text, block)
         elif found := _FUNCTION.match(text):
-            self.function(found, block)
+            operands = _OPERAND.findall(found[3])
+            self.assign(found[2], partial(self.parameters.iso_numbered, int(found[1]), operands), block)
         elif found := _FORMULA.match(text):
-            self.formula(found, block)
+            self.assign(found[1], partial(self.parameters.formula, found[2]), block)
         else:
             self.words(text, block)
-
-    def function(self, found: re.Match[str], block: int) -> None:
-        """D n: Q = ..."""
-        try:
-            value = self.parameters.iso_numbered(int(found[1]), _OPERAND.findall(found[3]))
-        except ValueError as error:
-            value = None
-            self.recorder.find("CF102", f"{error}: {found[2]} is not known", block)
-        self.parameters.set(found[2], value)
-
-    def formula(self, found: re.Match[str], block: int) -> None:
-        """Q = formula."""
-        try:
-            self.parameters.set(found[1], self.parameters.formula(found[2]))
-        except ValueError as error:
-            self.parameters.set(found[1], None)
-            self.recorder.find("CF102", f"{error}; {found[1]} is not known", block)
-
-    def jump(self, found: re.Match[str], text: str, block: int) -> None:
-        """D09 to D12."""
-        holds = self.parameters.holds(int(found[1]), found[2], found[3])
-        if holds is None:
-            self.recorder.find("CF102", f"whether {text[:60]} jumps is not known", block)
-            self.recorder.lose_place(block)
-        elif holds and self.flow is not None:
-            self.flow.go_to(str(int(found[4])) if found[4] else found[5], block)
 
     def words(self, text: str, block: int) -> None:
         """A block of G codes and words."""
