@@ -212,6 +212,7 @@ def pose_program(text: str, scene: Scene, called: Callable[[str], str | None] | 
     reference, foreign = program.header.reference, scene.job.program.foreign
     if reference is None and foreign is not None:
         reference = foreign.reference.upper()
+        program = replace(program, header=replace(program.header, reference=reference))
     elif reference is None:
         findings.append(Finding("CF107", "the header does not state the reference point; judged as REFERENCE TIP"))
     centre = reference == "SPHERE CENTRE"

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import ast
 import hashlib
+from dataclasses import replace
 from itertools import pairwise
 from math import cos, hypot, pi, radians, sin
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import conflank_cli.verification
 from conflank_cli.geometry.face import DesignFace
-from conflank_cli.job import Setup, Tolerance
+from conflank_cli.job import Foreign, Setup, Tolerance
+from conflank_cli.job import Program as JobProgram
 from conflank_cli.tool import Section, Tool
 from conflank_cli.verification.findings import CODES
 from conflank_cli.verification.judge import verify_program
@@ -232,6 +235,13 @@ def test_the_sphere_centre_as_reference() -> None:
     result = verify_program(text, scene_of(FLANK), "", POINTS)
     assert result.findings == ()
     assert result.gap_um.mean_abs is not None and result.gap_um.mean_abs < 1e-3
+    # A program that states nothing, and a job that states it instead, are the same.
+    scene = scene_of(FLANK)
+    job = msgspec.structs.replace(scene.job, program=JobProgram(foreign=Foreign(reference="sphere centre")))
+    silent = verify_program(program(body, ["; POSTED ELSEWHERE"]), replace(scene, job=job), "", POINTS)
+    assert silent.findings == ()
+    assert silent.judged["reference"] == result.judged["reference"] == "SPHERE CENTRE"
+    assert silent.gap_um == result.gap_um
 
 
 @pytest.mark.parametrize(
