@@ -620,13 +620,7 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
             "Add it to [tools] use, or name another.",
         )
     for name in job.machine.gauge_length:
-        if name not in job.tools.use:
-            raise InputError(
-                f"{where}: [machine] gauge_length.{name}",
-                repr(name),
-                "a tool of [tools] use: " + ", ".join(job.tools.use),
-                "Correct the name.",
-            )
+        _check_in_use(job, name, f"{where}: [machine] gauge_length.{name}")
     copies = job.setup.copies
     if not any(copies.axis):
         raise InputError(f"{where}: [setup] copies.axis", "[0, 0, 0]", "a direction", "Use [0, 0, 1] for Z.")
@@ -649,17 +643,17 @@ def _check_meaning(job: Job, where: str, machine: Mapping[str, object]) -> None:
         )
     _check_tool_numbers(job, where)
     for name in () if job.program.foreign is None else job.program.foreign.tools.values():
-        if name not in job.tools.use:
-            raise InputError(
-                f"{where}: [program] foreign.tools",
-                repr(name),
-                "a tool of [tools] use: " + ", ".join(job.tools.use),
-                "Correct the name.",
-            )
+        _check_in_use(job, name, f"{where}: [program] foreign.tools")
     if "name" in machine and "file" in machine:
         raise InputError(
             f"{where}: [machine]", "both name and file", "one of them", "Remove name to use your own machine file."
         )
+
+
+def _check_in_use(job: Job, name: str, place: str) -> None:
+    if name not in job.tools.use:
+        expected = "a tool of [tools] use: " + ", ".join(job.tools.use)
+        raise InputError(place, repr(name), expected, "Correct the name.")
 
 
 def _check_tool_numbers(job: Job, where: str) -> None:

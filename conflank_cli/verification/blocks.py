@@ -8,7 +8,6 @@ then differ, so each is a finding.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from conflank_cli.verification.findings import Finding
@@ -98,8 +97,3 @@ def _block(form: re.Pattern[str], code: str, comments: tuple[str, ...], line_num
     before, name, after, rest = found.groups()
     # A number of any length is a name; only its beginning is of use.
     return Block(int(name[:15]) if name else line_number, rest.strip(), comments, bool(before or after))
-
-
-def texts(blocks: list[Block]) -> Iterator[str]:
-    """The texts of all blocks that have one."""
-    return (block.text for block in blocks if block.text)

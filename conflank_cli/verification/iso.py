@@ -115,14 +115,12 @@ class _Block:
             letter, text = found["letter"], found["value"]
             if letter in "IJ":
                 known = value(text)
-                self._once(letter in self.pole, letter)
+                words.once(letter, letter if letter in self.pole else None)
                 self.pole[letter] = None if known is None or not abs(known) <= MOST else known * unit
             elif letter == "R":
-                known = value(text)
-                self._once(bool(words.radius), "R")
-                words.radius = [None if known is None or not abs(known) <= MOST else known * unit]
+                words.take_radius(text, unit, value)
             elif letter == "H":
-                self._once(self.height is not None, "H")
+                words.once("H", self.height)
                 self.height = text
             else:
                 words.coordinate(letter, text, unit, value)
@@ -135,18 +133,14 @@ class _Block:
         elif kind == "variant":
             words.variant = found["variant"]
         elif kind == "back":
-            self._once(words.back is not None, "MB")
+            words.once("MB", words.back)
             words.back = found["back"]
         elif kind == "tool":
-            self._once(self.tool is not None, "T")
+            words.once("T", self.tool)
             self.tool = found["tool"]
         elif kind == "speed":
-            self._once(self.speed is not None, "S")
+            words.once("S", self.speed)
             self.speed = found["speed"]
-
-    def _once(self, again: bool, name: str) -> None:
-        if again:
-            self.words.wrong.append(f"{name} stands twice in the block")
 
 
 class _Reading(Control):

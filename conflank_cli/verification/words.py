@@ -76,12 +76,23 @@ class Words:
     rest: str = ""
     wrong: list[str] = field(default_factory=list)
 
+    def once(self, name: str, before: object) -> None:
+        """Note a word that stands in the block already: `before` is not None then."""
+        if before is not None:
+            self.wrong.append(f"{name} stands twice in the block")
+
+    def take_radius(self, text: str, unit: float, value: Value) -> None:
+        """Take an R word."""
+        self.once("R", self.radius or None)
+        radius = value(text)
+        self.radius = [None if radius is None or not abs(radius) <= MOST else radius * unit]
+
     def take_feed(self, text: str) -> None:
         """Take an F word."""
         if self.functions[-1:] == (128,) and self.cap is None:
             self.cap = text
         else:
-            _once(self, "F", self.feed)
+            self.once("F", self.feed)
             self.feed = text
 
     def coordinate(self, word: str, text: str, unit: float, value: Value) -> None:
@@ -136,23 +147,16 @@ def _take(words: Words, found: re.Match[str], unit: float, value: Value) -> None
     elif kind == "variant":
         words.variant = found["variant"]
     elif kind == "side":
-        _once(words, "radius compensation", words.side)
+        words.once("radius compensation", words.side)
         words.side = found["side"]
     elif kind == "turn":
-        _once(words, "DR", words.turn or None)
+        words.once("DR", words.turn or None)
         words.turn = 1 if found["turn"] == "+" else -1
     elif kind == "radius":
-        _once(words, "R", words.radius or None)
-        radius = value(found["radius"])
-        words.radius = [None if radius is None or not abs(radius) <= MOST else radius * unit]
+        words.take_radius(found["radius"], unit, value)
     elif kind == "back":
-        _once(words, "MB", words.back)
+        words.once("MB", words.back)
         words.back = found["back"]
-
-
-def _once(words: Words, name: str, before: object) -> None:
-    if before is not None:
-        words.wrong.append(f"{name} stands twice in the block")
 
 
 def plain_words(groups: tuple[str | None, ...], unit: float) -> tuple[dict[str, float | None], Vector | None] | None:
